@@ -116,6 +116,29 @@ def adjoint(pose: Pose) -> FloatArray:
     return matrix
 
 
+def point_jacobian(pose: Pose, size: int) -> FloatArray:
+    """Derivative of a robot's position by its pose tangent.
+
+    Args:
+        pose: Shape (3,) or (4, 4).
+        size: Dimension of the position wanted: 3 for a planar robot puts it at height zero.
+
+    Returns:
+        Shape (size, d), world frame.
+    """
+    if pose.ndim == 2:
+        return np.hstack([np.zeros((3, 3)), pose[:3, :3]])
+    matrix = np.zeros((size, 3))
+    matrix[:2, :2] = rotation_matrix(pose)
+    return matrix
+
+
+def position_in(pose: Pose, size: int) -> FloatArray:
+    """Position with ``size`` coordinates: a planar robot is at height zero."""
+    where = position(pose)
+    return where if where.size == size else np.append(where, 0.0)
+
+
 def travelled(relative: Pose) -> tuple[float, float]:
     """Distance in metres and turn in radians (zero or more) of a relative pose."""
     if relative.ndim == 1:

@@ -1,0 +1,1 @@
+"""Motion, sensing and uncertainty models: numpy only, no GTSAM."""
