@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from fgplan.checks import check_covariance, check_positive
+from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
-from fgplan.models.pose import adjoint, between, position, tangent_dim
-from fgplan.models.sensors import AbstractSensor
+from fgplan.models.pose import position
+from fgplan.models.relative_pose import RelativePoseSensor
+from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.state import State
-from fgplan.typing import Covariance, Jacobian, Pose
 
 
 class Criterion(Protocol):
@@ -48,52 +47,6 @@ class DistanceCriterion:
         """True where the positions are nearer than the distance."""
         offset = position(first.pose) - position(second.pose)
         return bool(np.sqrt(offset @ offset) < self.distance_m)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RelativePoseSensor:
-    """Relative pose of two robots, at any two times.
-
-    Attributes:
-        covariance: Shape (3, 3) or (6, 6), tangent of the second pose, GTSAM's order.
-    """
-
-    covariance: Covariance
-
-    def __post_init__(self) -> None:
-        """Check the covariance."""
-        covariance = check_covariance(self.covariance, "relative pose covariance")
-        if covariance.shape[0] not in (3, 6):
-            raise InvalidInputError(
-                f"relative pose covariance: expected 3 x 3 or 6 x 6, got {covariance.shape}"
-            )
-        object.__setattr__(self, "covariance", covariance)
-
-    def whitening(self) -> Jacobian:
-        """W with W'W = covariance^-1, lower triangular, shape (d, d)."""
-        lower = np.linalg.cholesky(self.covariance)
-        return solve_triangular(lower, np.eye(len(lower)), lower=True)
-
-    def linearise_between(self, pose: Pose, other: Pose) -> tuple[Jacobian, Jacobian]:
-        """Whitened Jacobians of h = pose^-1 other at zero error: -W Ad(h^-1) and W.
-
-        Args:
-            pose: First pose, world frame.
-            other: Second pose, world frame.
-
-        Returns:
-            Two blocks of shape (d, d).
-
-        Raises:
-            InvalidInputError: If the poses have another dimension than the covariance.
-        """
-        if tangent_dim(pose) != len(self.covariance):
-            raise InvalidInputError(
-                f"relative pose: expected a covariance of {tangent_dim(pose)} rows for these "
-                f"poses, got {len(self.covariance)}"
-            )
-        weight = self.whitening()
-        return -weight @ adjoint(between(other, pose)), weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,1 @@
+"""Objectives, impact, and the evaluators that re-evaluate candidate paths."""

@@ -1,0 +1,134 @@
+"""What is given to an evaluator, the same for every robot of the team.
+
+All robots hold the same prior, objective, criterion and order; each has its own candidate paths.
+The evaluator of robot r sees this problem, r's candidates and the announced paths of the others.
+A robot that has announced nothing stays where the prior says it is.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from fgplan.beliefs.belief import Belief
+from fgplan.errors import InvalidInputError, UnknownNameError
+from fgplan.evaluation.objective import Objective, PosesOf, PriorVariables, Trajectory, UncertaintyTerm
+from fgplan.models.sensor import AbstractSensor
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.paths.multi_robot import MultiRobotModel
+from fgplan.paths.state import State
+from fgplan.typing import Key
+
+
+@dataclass(frozen=True, slots=True)
+class PastState:
+    """A past pose that may take part in multi-robot factors.
+
+    Attributes:
+        key: Its GTSAM key in the prior.
+        state: Robot, step (negative), time (negative seconds) and pose.
+    """
+
+    key: Key
+    state: State
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanningProblem:
+    """Prior, team, objective and models: what every robot knows alike.
+
+    Attributes:
+        prior: Belief at planning time over everything so far.
+        start_keys: Key of each robot's current pose in the prior, in the order of the team.
+        objective: What the team minimises.
+        multi_robot: Models of factors between robots; several may hold at once.
+        sensors: Sensors of mapped landmarks by name.
+        past_states: Past poses that may take part in multi-robot factors.
+    """
+
+    prior: Belief
+    start_keys: Mapping[str, Key]
+    objective: Objective
+    multi_robot: tuple[MultiRobotModel, ...] = ()
+    sensors: Mapping[str, AbstractSensor] = field(default_factory=dict)
+    past_states: tuple[PastState, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check names and keys against each other."""
+        object.__setattr__(self, "start_keys", dict(self.start_keys))
+        object.__setattr__(self, "sensors", dict(self.sensors))
+        if not self.start_keys:
+            raise InvalidInputError("planning problem: expected at least one robot, got none")
+        if len(set(self.start_keys.values())) != len(self.start_keys):
+            raise InvalidInputError(
+                "planning problem: expected one current pose a robot, got two robots on one key"
+            )
+        dims = {robot: self.prior.dim(key) for robot, key in self.start_keys.items()}
+        if len(set(dims.values())) > 1:
+            raise InvalidInputError(
+                f"planning problem: expected planar or spatial robots, got both: {dims}"
+            )
+        for past in self.past_states:
+            self.prior.dim(past.key)
+            if past.state.robot not in self.start_keys:
+                raise UnknownNameError(f"past state: robot {past.state.robot!r} is not in the team")
+        for term in self.objective.terms:
+            self._check_term(term)
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names in the order of the team."""
+        return tuple(self.start_keys)
+
+    @property
+    def dim(self) -> int:
+        """Dimension of a pose's tangent: 3 planar, 6 spatial."""
+        return self.prior.dim(next(iter(self.start_keys.values())))
+
+    def check_path(self, path: CandidatePath) -> None:
+        """Check that a path belongs to this problem.
+
+        Raises:
+            UnknownNameError: If its robot, a landmark or a sensor is not known.
+            InvalidInputError: If its dimension or start pose differs from the prior's.
+        """
+        if path.robot not in self.start_keys:
+            known = ", ".join(self.robots)
+            raise UnknownNameError(f"path of robot {path.robot!r}: expected one of {known}")
+        if path.dim != self.dim:
+            raise InvalidInputError(
+                f"path of robot {path.robot!r}: expected poses of tangent dimension {self.dim}, "
+                f"got {path.dim}"
+            )
+        start = self.prior.pose(self.start_keys[path.robot])
+        if abs(path.poses[0] - start).max() > 1e-9 * max(1.0, abs(start).max()):
+            raise InvalidInputError(
+                f"path of robot {path.robot!r}: expected pose 0 at the estimate {start}, got "
+                f"{path.poses[0]}; paths start from the prior's current pose"
+            )
+        for seen in path.observations:
+            if seen.sensor not in self.sensors:
+                known = ", ".join(self.sensors) or "none"
+                raise UnknownNameError(
+                    f"path of robot {path.robot!r}: sensor {seen.sensor!r} is not one of: {known}"
+                )
+            self.prior.dim(seen.landmark)
+
+    def _check_term(self, term: object) -> None:
+        """Check that the robots and keys of one objective term exist."""
+        if not isinstance(term, UncertaintyTerm):
+            robots: tuple[str, ...] = (term.robot,)  # type: ignore[attr-defined]
+        elif isinstance(term.of, PosesOf):
+            robots = term.of.robots
+        elif isinstance(term.of, Trajectory):
+            robots = (term.of.robot,)
+        else:
+            robots = ()
+        if isinstance(term, UncertaintyTerm):
+            if isinstance(term.of, PriorVariables):
+                for key in term.of.keys:
+                    self.prior.dim(key)
+            if term.arrival_of is not None:
+                robots = (*robots, term.arrival_of)
+        for robot in robots:
+            if robot not in self.start_keys:
+                known = ", ".join(self.robots)
+                raise UnknownNameError(f"objective: robot {robot!r} is not one of {known}")
