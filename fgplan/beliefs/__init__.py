@@ -1,0 +1,1 @@
+"""Beliefs: what a factor graph knows, read by square-root elimination."""

@@ -1,0 +1,1 @@
+"""The GTSAM boundary: keys, noise, factor makers, whitened rows."""
