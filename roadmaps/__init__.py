@@ -1,0 +1,3 @@
+"""placeholder"""
+
+from roadmaps.workspace import Workspace
