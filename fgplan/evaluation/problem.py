@@ -10,7 +10,13 @@ from dataclasses import dataclass, field
 
 from fgplan.beliefs.belief import Belief
 from fgplan.errors import InvalidInputError, UnknownNameError
-from fgplan.evaluation.objective import Objective, PosesOf, PriorVariables, Trajectory, UncertaintyTerm
+from fgplan.evaluation.objective import (
+    Objective,
+    PosesOf,
+    PriorVariables,
+    Trajectory,
+    UncertaintyTerm,
+)
 from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import MultiRobotModel

@@ -1,0 +1,1 @@
+"""Planners: one folder each, chosen by name, all with one interface."""
