@@ -11,6 +11,8 @@ Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurograp
 one ray cell by cell; here all crossings of all segments are sorted in one go, for NumPy.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from roadmaps.typing import BoolArray, FloatArray, IntArray
@@ -62,7 +64,7 @@ def segments_touch(
     counts = np.maximum(last - first + 1, 0.0).astype(np.int64)
     chunk = (np.cumsum(counts.sum(axis=1) + 4)) // _CROSSINGS_A_CHUNK
     borders = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(starts)]
-    for begin, stop in zip(borders[:-1], borders[1:], strict=True):
+    for begin, stop in pairwise(borders):
         part = slice(begin, stop)
         owner, share = _crossings(starts[part], ends[part], first[part], counts[part])
         middle = 0.5 * (share[1:] + share[:-1])[owner[1:] == owner[:-1]]

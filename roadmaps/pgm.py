@@ -74,4 +74,4 @@ def read_pgm(path: Path) -> FloatArray:
         raise MapFileError(
             f"{path}: pixels: expected at most the header's {greatest}, got {pixels.max()}"
         )
-    return np.asarray(pixels.reshape(height, width) / float(greatest))
+    return pixels.reshape(height, width).astype(np.float64) / float(greatest)

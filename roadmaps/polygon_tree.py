@@ -1,7 +1,8 @@
 """Polygon obstacles in shapely's STR tree: the fast form of `polygons`, same answers.
 
-Needs shapely (the `geo` extra), imported when a tree is built and not before. 500 vertices among
-50 polygons: three times faster than the NumPy form.
+Needs shapely (the `geo` extra), imported when a tree is built and not before. Worth it where
+polygons are many: a PRM of 500 vertices among 50 polygons takes the same 6 ms with both forms,
+one of 5000 vertices among 2000 polygons 0.1 s here and 0.45 s there.
 """
 
 from dataclasses import dataclass

@@ -178,7 +178,7 @@ def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _segments_cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
-    """Tell, row by row, whether closed segments ab and cd share a point (boxes, then straddling)."""
+    """Tell, row by row, whether closed segments ab and cd meet (boxes, then straddling)."""
     boxes = (np.minimum(a, b) <= np.maximum(c, d)) & (np.minimum(c, d) <= np.maximum(a, b))
     side_c, side_d = _cross(b - a, c - a), _cross(b - a, d - a)
     side_a, side_b = _cross(d - c, a - c), _cross(d - c, b - c)

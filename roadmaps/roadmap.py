@@ -34,6 +34,7 @@ class RoadmapMatrix:
         neighbors: Row of the neighbour, sorted within each row, shape (2 * edges,).
         lengths: Edge lengths, metres, shape (2 * edges,), read-only.
         keys: row * n + neighbour of each entry, ascending, shape (2 * edges,).
+        reverse: Entry of the same edge in the other direction, shape (2 * edges,).
     """
 
     vertices: tuple[int, ...]
@@ -43,6 +44,7 @@ class RoadmapMatrix:
     neighbors: IntArray = field(repr=False)
     lengths: FloatArray = field(repr=False)
     keys: IntArray = field(repr=False)
+    reverse: IntArray = field(repr=False)
 
     def row(self, vertex: int, name: str) -> int:
         """Find the row of a vertex.
@@ -178,6 +180,7 @@ def read_roadmap(roadmap: nx.Graph | RoadmapMatrix) -> RoadmapMatrix:
         neighbors=keys % size,
         lengths=read_only(np.concatenate([length_m, length_m])[order]),
         keys=keys,
+        reverse=np.searchsorted(keys, keys % size * size + keys // size),
     )
 
 
