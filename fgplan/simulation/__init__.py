@@ -1,0 +1,1 @@
+"""A world with truth, and one closed loop that moves, senses and draws noise."""
