@@ -100,9 +100,9 @@ class HiddenState:
     Example:
         >>> import numpy as np
         >>> static = HiddenBlock(targets=("a",), transition=np.eye(2))
-        >>> moving = HiddenBlock(targets=("b",), transition=np.eye(2), drift=[0.1, 0.0])
+        >>> moving = HiddenBlock(targets=("b",), transition=np.eye(2), drift=np.array([0.5, 0.0]))
         >>> HiddenState((static, moving)).predicted_means([0, 0, 5, 5], 2)[-1].tolist()
-        [0.0, 0.0, 5.2, 5.0]
+        [0.0, 0.0, 6.0, 5.0]
     """
 
     blocks: tuple[HiddenBlock, ...]
