@@ -1,0 +1,33 @@
+"""Which demos, benches and reproductions there are, each as "module:function".
+
+The function takes ``fgplan.io.command.CommandOptions`` and returns a ``CommandOutcome``; its module
+may define ``add_arguments(parser)``. Nothing is imported before it is asked for.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RegisteredCommand:
+    """One demo, bench or reproduction.
+
+    Attributes:
+        target: "module:function".
+        summary: One line for ``--help``.
+    """
+
+    target: str
+    summary: str
+
+
+DEMOS: dict[str, RegisteredCommand] = {}
+
+BENCHES: dict[str, RegisteredCommand] = {}
+
+REPRODUCTIONS: dict[str, RegisteredCommand] = {}
+
+REGISTRY: dict[str, dict[str, RegisteredCommand]] = {
+    "demo": DEMOS,
+    "bench": BENCHES,
+    "reproduce": REPRODUCTIONS,
+}

@@ -1,0 +1,1 @@
+"""Files in and out: scenarios, pose graphs, run folders and results."""

@@ -1,0 +1,186 @@
+"""A scenario file to a ``Mission``: the one call behind ``fgplan run``.
+
+The digest is the sha256 of the scenario in canonical form (so comments, order of tables and TOML
+or YAML do not matter), of the map's cells, and of the prior's rows and values.
+"""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from fgplan.errors import ScenarioError
+from fgplan.io.objective_table import make_objective
+from fgplan.io.place import Place
+from fgplan.io.prior_table import Prior, make_prior
+from fgplan.io.scenario import RobotTable, Scenario, TargetTable
+from fgplan.io.scenario_file import read_scenario
+from fgplan.io.sensor_table import make_covariance, make_multi_robot, make_sensors
+from fgplan.io.workspace_table import make_workspace
+from fgplan.models.motion import MotionModel
+from fgplan.planners.mission import Mission, MissionRobot, MissionTarget
+from fgplan.typing import Key
+from roadmaps import Workspace
+
+
+def load_mission(path: str | Path) -> Mission:
+    """Read a scenario file and make everything that it describes.
+
+    Args:
+        path: A ``.toml``, ``.yaml`` or ``.yml`` file.
+
+    Returns:
+        The mission, for a planner.
+
+    Raises:
+        ScenarioError: If anything in the file, or in a file it names, is wrong; names file, field,
+            what was expected and what came.
+        MissingExtraError: If the file needs a package that is not installed.
+
+    Example:
+        >>> mission = load_mission("examples/scenarios/two_robots.toml")
+        >>> [robot.name for robot in mission.robots]
+        ['ann', 'bob']
+    """
+    return make_mission(read_scenario(path), Path(path))
+
+
+def make_mission(scenario: Scenario, path: Path) -> Mission:
+    """Make everything that a scenario describes.
+
+    Args:
+        scenario: The checked scenario.
+        path: The file it was read from; what it names is relative to its folder.
+
+    Returns:
+        The mission.
+
+    Raises:
+        ScenarioError: If anything in it is wrong.
+        MissingExtraError: If it needs a package that is not installed.
+    """
+    place = Place(path)
+    workspace = make_workspace(scenario.world, place.at("world"))
+    sensors = make_sensors(scenario, place)
+    multi_robot = make_multi_robot(scenario, place)
+    prior = make_prior(scenario, place)
+    robots = tuple(
+        _make_robot(
+            robot,
+            prior.start_keys[robot.name],
+            prior.belief.dim(prior.start_keys[robot.name]),
+            place.at(f"robots[{index}]", f"robot {robot.name!r}"),
+        )
+        for index, robot in enumerate(scenario.robots)
+    )
+    for index, robot in enumerate(robots):
+        _check_goals(robot, workspace, place.at(f"robots[{index}].goal", f"robot {robot.name!r}"))
+    objective = make_objective(scenario, prior.landmark_keys, place)
+    targets = tuple(
+        _make_target(target, place.at(f"targets[{index}]", f"target {target.name!r}"))
+        for index, target in enumerate(scenario.targets)
+    )
+    with place.checking():
+        return Mission(
+            name=scenario.name or path.stem,
+            workspace=workspace,
+            robots=robots,
+            prior=prior.belief,
+            objective=objective,
+            sensors=sensors,
+            multi_robot=multi_robot,
+            past_states=prior.past_states,
+            targets=targets,
+            options=scenario.planner_options,
+            digest=scenario_digest(scenario, workspace, prior),
+            seed=scenario.seed,
+        )
+
+
+def scenario_digest(scenario: Scenario, workspace: Workspace, prior: Prior) -> str:
+    """Sha256, in hexadecimal, of what decides a run: scenario, map and prior.
+
+    Args:
+        scenario: The scenario.
+        workspace: Its workspace, for the cells of its map.
+        prior: Its prior, for the content of its graph.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    canonical = msgspec.json.encode(scenario, order="sorted")
+    content = hashlib.sha256(b"fgplan scenario 1" + canonical)
+    if workspace.grid is not None:
+        content.update(workspace.grid.occupancy.tobytes())
+        content.update(np.array([workspace.grid.resolution_m, *workspace.grid.origin]).tobytes())
+    content.update(prior.belief.digest().encode())
+    return content.hexdigest()
+
+
+def _make_robot(table: RobotTable, key: Key, dim: int, place: Place) -> MissionRobot:
+    """One robot with its goals and motion model."""
+    if (table.goal is None) == (not table.goals):
+        came = "neither" if table.goal is None else "both"
+        raise place.at("goal").error(f"expected goal or goals, one of the two, got {came}")
+    goals = table.goals if table.goal is None else (table.goal,)
+    size = 2 if dim == 3 else 3
+    for index, goal in enumerate(goals):
+        if len(goal) != size:
+            where = place.at("goal" if table.goal is not None else f"goals[{index}]")
+            raise where.error(f"expected {size} coordinates in metres, got {len(goal)}")
+    motion = table.motion
+    if len(motion.sigmas) != dim:
+        raise place.at("motion.sigmas").error(
+            f"expected {dim} numbers for this robot's pose, got {len(motion.sigmas)}"
+        )
+    with place.at("motion").checking():
+        model = MotionModel(
+            sigmas=np.array(motion.sigmas),
+            per_metre=np.array(motion.per_metre),
+            per_radian=np.array(motion.per_radian),
+            speed_m_per_s=motion.speed_m_per_s,
+        )
+    with place.checking():
+        return MissionRobot(
+            name=table.name,
+            start_key=key,
+            goals=np.array(goals),
+            motion=model,
+            sensors=table.sensors,
+        )
+
+
+def _check_goals(robot: MissionRobot, workspace: Workspace, place: Place) -> None:
+    """Refuse a goal where the robot cannot be; spatial goals are checked by their footprint."""
+    valid = workspace.are_positions_valid(robot.goals[:, :2])
+    for goal in robot.goals[~valid]:
+        raise place.error(
+            f"expected goals in free space, got {goal.tolist()}, which is outside the bounds or "
+            f"nearer than {workspace.robot_radius_m:g} m to an obstacle or unknown cell"
+        )
+
+
+def _make_target(table: TargetTable, place: Place) -> MissionTarget:
+    """One hidden target; what is left out is static."""
+    size = len(table.mean)
+    covariance = make_covariance(table.sigmas, table.covariance, "sigmas", "covariance", place)
+    with place.checking():
+        try:
+            return MissionTarget(
+                name=table.name,
+                mean=np.array(table.mean),
+                covariance=covariance,
+                transition=np.eye(size) if table.transition is None else _rows(table.transition),
+                drift=np.zeros(size) if table.drift is None else np.array(table.drift),
+                process=np.zeros((size, size)) if table.process is None else _rows(table.process),
+            )
+        except ValueError as error:
+            if isinstance(error, ScenarioError):
+                raise
+            raise place.error(str(error)) from error
+
+
+def _rows(matrix: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    """Rows of a matrix as an array; unequal rows raise ValueError."""
+    return np.array(matrix, dtype=np.float64)

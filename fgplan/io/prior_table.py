@@ -1,0 +1,212 @@
+"""``[prior]`` to a belief at planning time: from starts and landmarks, g2o files, or a function.
+
+Keys of an independent prior: robot i of the file is ``x<i>``, landmark j is ``l<j>``. Landmarks of
+the file are added to every kind of prior, each with a prior factor of its own; a landmark whose
+key the graph already has is refused.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from fgplan.beliefs.belief import Belief
+from fgplan.checks import check_covariance
+from fgplan.evaluation.problem import PastState
+from fgplan.factors.keys import describe_key
+from fgplan.io.key_name import read_key
+from fgplan.io.place import Place
+from fgplan.io.pose_numbers import gtsam_pose
+from fgplan.io.scenario import G2oPrior, PythonPrior, RobotTable, Scenario
+from fgplan.io.scenario_file import landmark_name
+from fgplan.io.sensor_table import make_covariance
+from fgplan.io.user_object import load_object
+from fgplan.paths.state import State
+from fgplan.typing import Key
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """The belief at planning time and what its keys mean.
+
+    Attributes:
+        belief: The belief.
+        start_keys: Key of each robot's current pose, in the order of the team.
+        landmark_keys: Key of each landmark of the scenario, by name.
+        past_states: Past poses that may take part in multi-robot factors.
+    """
+
+    belief: Belief
+    start_keys: Mapping[str, Key]
+    landmark_keys: Mapping[str, Key]
+    past_states: tuple[PastState, ...] = ()
+
+
+def make_prior(scenario: Scenario, place: Place) -> Prior:
+    """Make the prior of a scenario.
+
+    Args:
+        scenario: The scenario.
+        place: The whole file, for messages and for the folder of g2o files and modules.
+
+    Returns:
+        The prior.
+
+    Raises:
+        ScenarioError: If a start is missing or given twice, a file or function is wrong, or the
+            belief is ill-posed.
+    """
+    where = place.at("prior")
+    past: tuple[PastState, ...] = ()
+    if isinstance(scenario.prior, G2oPrior):
+        graph, values, start_keys = _from_g2o(scenario.prior, where)
+    elif isinstance(scenario.prior, PythonPrior):
+        graph, values, start_keys, past = _from_function(scenario.prior, where)
+    else:
+        graph, values, start_keys = _from_starts(scenario, place)
+    if not isinstance(scenario.prior, G2oPrior | PythonPrior):
+        pass
+    else:
+        _check_starts(scenario, start_keys, place)
+    landmark_keys = _add_landmarks(scenario, graph, values, place)
+    with where.checking():
+        belief = Belief(graph, values)
+        ordered = {robot.name: start_keys[robot.name] for robot in scenario.robots}
+        if isinstance(scenario.prior, G2oPrior) and scenario.prior.past_step_s is not None:
+            past = _past_states(belief, ordered, scenario.prior.past_step_s)
+    return Prior(belief=belief, start_keys=ordered, landmark_keys=landmark_keys, past_states=past)
+
+
+def _from_starts(
+    scenario: Scenario, place: Place
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[str, Key]]:
+    """Robots' starts, uncorrelated."""
+    graph, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
+    for index, robot in enumerate(scenario.robots):
+        where = place.at(f"robots[{index}]", f"robot {robot.name!r}")
+        if robot.start is None:
+            raise where.at("start").error("expected a pose [x, y, heading], got nothing")
+        pose = gtsam_pose(robot.start, where.at("start"))
+        size = 3 if len(robot.start) == 3 else 6
+        covariance = make_covariance(
+            robot.start_sigmas, robot.start_covariance, "start_sigmas", "start_covariance", where
+        )
+        with where.checking():
+            covariance = check_covariance(covariance, "covariance of the start", size)
+        key = int(gtsam.symbol("x", index))
+        _add_prior(graph, key, pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
+        values.insert(key, pose)
+        keys[robot.name] = key
+    return graph, values, keys
+
+
+def _from_g2o(
+    table: G2oPrior, place: Place
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[str, Key]]:
+    """Pose graphs of the team's past, held where a FIX line or the scenario says."""
+    raise place.error("g2o not yet")
+
+
+def _from_function(
+    table: PythonPrior, place: Place
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[str, Key], tuple[PastState, ...]]:
+    """A user's own graph, values and keys of the current poses."""
+    where = place.at("function")
+    made: Any = load_object(table.function, where)()
+    if not isinstance(made, tuple) or len(made) not in (3, 4):
+        raise where.error(
+            "expected (graph, values, start_keys) or (graph, values, start_keys, past_states), got "
+            f"{type(made).__name__}"
+        )
+    graph, values, start_keys = made[:3]
+    for name, value, kind in (
+        ("graph", graph, gtsam.NonlinearFactorGraph),
+        ("values", values, gtsam.Values),
+        ("start_keys", start_keys, Mapping),
+    ):
+        if not isinstance(value, kind):
+            raise where.error(f"expected {name} as a {kind.__name__}, got {type(value).__name__}")
+    past = tuple(made[3]) if len(made) == 4 else ()
+    keys = {str(robot): int(key) for robot, key in start_keys.items()}
+    return gtsam.NonlinearFactorGraph(graph), gtsam.Values(values), keys, past
+
+
+def _check_starts(scenario: Scenario, start_keys: Mapping[str, Key], place: Place) -> None:
+    """The graph says where robots are: each once, and the robots' tables not again."""
+    names = [robot.name for robot in scenario.robots]
+    for index, robot in enumerate(scenario.robots):
+        where = place.at(f"robots[{index}]", f"robot {robot.name!r}")
+        if robot.name not in start_keys:
+            known = ", ".join(start_keys) or "none"
+            raise where.error(f"expected a start key of this robot from the prior, got {known}")
+        for name in ("start", "start_sigmas", "start_covariance"):
+            if getattr(robot, name) is not None:
+                raise where.at(name).error(
+                    f"expected no {name} with prior kind {_kind_of(scenario)!r}, which says where "
+                    "the robots are, got one"
+                )
+    for name in start_keys:
+        if name not in names:
+            raise place.at("prior.start_keys").error(
+                f"expected names of robots ({', '.join(names)}), got {name!r}"
+            )
+
+
+def _kind_of(scenario: Scenario) -> str:
+    """Kind of the prior as the file writes it."""
+    return str(type(scenario.prior).__struct_config__.tag)
+
+
+def _add_landmarks(
+    scenario: Scenario, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, place: Place
+) -> dict[str, Key]:
+    """Add the file's landmarks to the graph."""
+    keys = {}
+    for index, landmark in enumerate(scenario.landmarks):
+        where = place.at(f"landmarks[{index}]")
+        key = int(gtsam.symbol("l", index))
+        if values.exists(key):
+            raise where.error(
+                f"expected key {describe_key(key)} to be free, but the prior's graph has it; give "
+                "landmarks in one of the two places"
+            )
+        position = np.array(landmark.position)
+        noise = gtsam.noiseModel.Isotropic.Sigma(position.size, landmark.sigma_m)
+        _add_prior(graph, key, position, noise)
+        values.insert(key, position)
+        keys[landmark_name(scenario, index)] = key
+    return keys
+
+
+def _add_prior(
+    graph: gtsam.NonlinearFactorGraph,
+    key: Key,
+    value: Any,  # noqa: ANN401 - one of four GTSAM types
+    noise: gtsam.noiseModel.Base,
+) -> None:
+    """Add a prior factor of the value's type."""
+    if isinstance(value, gtsam.Pose2):
+        graph.add(gtsam.PriorFactorPose2(key, value, noise))
+    elif isinstance(value, gtsam.Pose3):
+        graph.add(gtsam.PriorFactorPose3(key, value, noise))
+    elif value.size == 2:
+        graph.add(gtsam.PriorFactorPoint2(key, value, noise))
+    else:
+        graph.add(gtsam.PriorFactorPoint3(key, value, noise))
+
+
+def _past_states(
+    belief: Belief, start_keys: Mapping[str, Key], step_s: float
+) -> tuple[PastState, ...]:
+    """Poses that share the letter of a start key and have a lower index, oldest first."""
+    past = []
+    for robot, start in start_keys.items():
+        for key in belief.keys:
+            steps = int(start) - int(key)
+            same_letter = key >> 48 == start >> 48
+            if same_letter and steps > 0 and belief.kinds[key] in ("Pose2", "Pose3"):
+                state = State(robot, -steps, -steps * step_s, belief.pose(key))
+                past.append(PastState(key, state))
+    return tuple(past)
