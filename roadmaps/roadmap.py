@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import networkx as nx
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from roadmaps.checks import as_positions, read_only
@@ -31,7 +31,8 @@ class RoadmapMatrix:
         row_of: Row of each vertex id.
         positions: Shape (n, d), metres, world frame, read-only.
         first_entry: Start of each row's entries, shape (n + 1,).
-        neighbors: Row of the neighbour, sorted within each row, shape (2 * edges,).
+        neighbors: Row of the neighbour, sorted within each row, shape (2 * edges,). These two
+            are int32, which is what scipy's csgraph takes as it is.
         lengths: Edge lengths, metres, shape (2 * edges,), read-only.
         keys: row * n + neighbour of each entry, ascending, shape (2 * edges,).
         reverse: Entry of the same edge in the other direction, shape (2 * edges,).
@@ -40,8 +41,8 @@ class RoadmapMatrix:
     vertices: tuple[int, ...]
     row_of: dict[Hashable, int] = field(repr=False)
     positions: FloatArray = field(repr=False)
-    first_entry: IntArray = field(repr=False)
-    neighbors: IntArray = field(repr=False)
+    first_entry: NDArray[np.int32] = field(repr=False)
+    neighbors: NDArray[np.int32] = field(repr=False)
     lengths: FloatArray = field(repr=False)
     keys: IntArray = field(repr=False)
     reverse: IntArray = field(repr=False)
@@ -176,8 +177,8 @@ def read_roadmap(roadmap: nx.Graph | RoadmapMatrix) -> RoadmapMatrix:
         vertices=vertices,
         row_of=row_of,
         positions=positions,
-        first_entry=np.concatenate([[0], np.cumsum(counts)]),
-        neighbors=keys % size,
+        first_entry=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+        neighbors=(keys % size).astype(np.int32),
         lengths=read_only(np.concatenate([length_m, length_m])[order]),
         keys=keys,
         reverse=np.searchsorted(keys, keys % size * size + keys // size),

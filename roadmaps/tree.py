@@ -41,11 +41,11 @@ class Tree:
                 f"expected one parent and one cost for each of {size} (at least 1) positions, got "
                 f"shapes {parents.shape} and {np.shape(self.costs)}"
             )
+        sound = bool(parents[0] == -1 and ((parents[1:] >= 0) & (parents[1:] < size)).all())
         ancestors = parents.copy()
-        for _ in range(size.bit_length()):  # after k rounds: the 2^k-th ancestor
+        for _ in range(size.bit_length() if sound else 0):  # after k rounds: the 2^k-th ancestor
             ancestors = np.where(ancestors < 0, -1, ancestors[ancestors])
-        in_range = bool(((parents[1:] >= 0) & (parents[1:] < size)).all())
-        if parents[0] != -1 or not in_range or (ancestors >= 0).any():
+        if not sound or (ancestors >= 0).any():
             raise ParameterError("parents: expected -1 for row 0 only, and no cycle")
         parents.flags.writeable = False
         object.__setattr__(self, "positions", read_only(self.positions))
