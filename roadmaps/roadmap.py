@@ -9,6 +9,7 @@ searches one roadmap many times makes it once and passes it in the graph's place
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from numbers import Real
 
 import networkx as nx
 import numpy as np
@@ -160,7 +161,7 @@ def read_roadmap(roadmap: nx.Graph | RoadmapMatrix) -> RoadmapMatrix:
     positions = positions_of(roadmap)
     edges = list(roadmap.edges(data="length"))
     for one, other, length in edges:
-        if one == other or not (isinstance(length, (int, float)) and 0.0 < length < np.inf):
+        if one == other or not (isinstance(length, Real) and 0.0 < float(length) < np.inf):
             raise ParameterError(
                 f"edge ({one}, {other}): expected different ends and a finite `length` greater "
                 f"than 0 (metres), got length {length!r}"

@@ -1,7 +1,8 @@
 """How a tree grows from one position towards another, what that costs, and who is near.
 
-The defaults are Euclidean and of any dimension; a team's joint space, or a robot that cannot
-move sideways, passes its own functions.
+The defaults are Euclidean and of any dimension; a team's joint space passes its own functions.
+RRT* and RRG also join two vertices that exist, directly: they need every short motion to be
+possible. RRT joins only what `steer` has reached, and so serves where that is not the case.
 """
 
 import math

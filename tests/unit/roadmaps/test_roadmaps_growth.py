@@ -132,6 +132,26 @@ def test_two_robots_in_their_joint_space(builder):
     assert path.length_m > 16.0
 
 
+@pytest.mark.parametrize("builder", [RRTStar, RRG])
+def test_costs_that_break_the_triangle_inequality_still_add_up(builder):
+    """Squared lengths: a descendant may gain more through its own parent than directly."""
+
+    def squared(starts, ends):
+        return ((ends - starts) ** 2).sum(axis=1)
+
+    hall = Workspace(lower=[0, 0], upper=[10, 10])
+    steering = Steering(
+        steer=steer_straight(3.0),
+        distances=lambda positions, target: np.linalg.norm(positions - target, axis=1),
+        costs=squared,
+        near_radius=lambda count: 3.0,
+    )
+    growth = builder(hall, [1, 1], np.random.default_rng(0), steering=steering).grow(300)
+    tree = growth.tree()
+    edges = squared(tree.positions[tree.parents[1:]], tree.positions[1:])
+    np.testing.assert_allclose(tree.costs[1:], tree.costs[tree.parents[1:]] + edges)
+
+
 def test_growing_while_time_lasts(field):
     growth = RRG(field, [2, 2], np.random.default_rng(0), step_m=8.0)
     assert len(growth.grow(time_limit_s=0.02)) > 1

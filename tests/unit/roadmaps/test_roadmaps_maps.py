@@ -50,6 +50,7 @@ def test_small_map_worked_by_hand(write, parser):
         ("free_thresh: 0.25", "free_thresh: 0.196", [[-1, -1], [100, 0]]),
         ("occupied_thresh: 0.65", "occupied_thresh: 0.4", [[0, 100], [100, 0]]),
         ("negate: 0\n", "mode: trinary\n", [[0, -1], [100, 0]]),
+        ("occupied_thresh: 0.65\nfree_thresh: 0.25\n", "", [[0, -1], [100, 0]]),
     ],
 )
 def test_thresholds_and_negate(write, parser, old, new, expected):
@@ -175,7 +176,7 @@ def test_wrong_pgm_is_refused(tmp_path, data, words):
 
 def test_movingai_small_map_worked_by_hand(tmp_path):
     path = tmp_path / "a.map"
-    path.write_text("type octile\nheight 2\nwidth 4\nmap\n.GS.\n@OTW\n")
+    path.write_text("type octile\nheight 2\nwidth 4\nmap\n.GS.\n@OTW\n\n")
     grid = read_movingai_map(path, cell_size_m=2.0)
     np.testing.assert_array_equal(grid.occupancy, [[100] * 4, [0] * 4])
     np.testing.assert_array_equal(grid.bounds[1], [8.0, 4.0])

@@ -103,6 +103,7 @@ def test_orientation_and_repeated_last_corner_do_not_matter():
     other = build_polygon_set([[*SQUARE[::-1], SQUARE[-1]]]).touch_points(points, 0.0)
     np.testing.assert_array_equal(one, other)
     assert one.any()
+    assert not build_polygon_set([]).touch_points(points, 1.0).any()
 
 
 @pytest.mark.parametrize(
