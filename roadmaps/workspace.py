@@ -132,6 +132,9 @@ class Workspace:
     def has_line_of_sight(self, starts: ArrayLike, ends: ArrayLike) -> BoolArray:
         """Tell between which positions nothing blocks the view; the robot's radius is ignored.
 
+        Obstacles are closed: what lies on or in one is not seen. Put a landmark of a wall a hair
+        in front of it.
+
         Args:
             starts: Shape (n, 2) or (2,), metres, world frame; one row serves all of `ends`.
             ends: Shape (n, 2) or (2,), metres, world frame; one row serves all of `starts`.
