@@ -1,0 +1,195 @@
+"""A planning session of a whole team in one process."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from fgplan.announcement.announcement import Announcement, Sender, goal_of
+from fgplan.announcement.term_data import terms_of
+from fgplan.errors import StaleAnnouncementError, UnknownNameError
+from fgplan.evaluation.evaluations import AbstractEvaluator
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.team.agreement import Agreement
+from fgplan.team.envelope import Inbox, Outbox
+from fgplan.team.in_process import InProcessTransport
+from fgplan.team.loop import run_robots
+from fgplan.team.options import CoordinationOptions
+from fgplan.team.robot import RobotSetup, RobotState, TurnRecord, start_robot, step
+from fgplan.team.transport import SimulatedTransport
+from fgplan.typing import ArrayLike
+
+
+def set_up_team(
+    problem: PlanningProblem,
+    candidates: Mapping[str, Sequence[CandidatePath]],
+    evaluator: AbstractEvaluator,
+    *,
+    options: CoordinationOptions | None = None,
+    goals: Mapping[str, ArrayLike] | None = None,
+    prior_digest: str | None = None,
+) -> dict[str, RobotSetup]:
+    """What each robot of a team knows before a planning session.
+
+    Args:
+        problem: Prior, team, objective and models.
+        candidates: Candidate paths of each robot.
+        evaluator: How every robot evaluates them.
+        options: How the team comes to agree.
+        goals: Goal of each robot, metres, world frame; travels with its announcements.
+        prior_digest: Digest of the prior where the caller has it; None computes it.
+
+    Returns:
+        Set-up of each robot, in the order of the team.
+
+    Raises:
+        UnknownNameError: If candidates are given for a robot that is not in the team.
+    """
+    robots = tuple(problem.robots)
+    for robot in candidates:
+        if robot not in robots:
+            raise UnknownNameError(f"candidates: robot {robot!r} is not one of {', '.join(robots)}")
+    chosen = options or CoordinationOptions()
+    digest = problem.prior.digest() if prior_digest is None else prior_digest
+    terms = {robot: terms_of(problem.objective, robot) for robot in robots}
+    places = goals or {}
+    return {
+        robot: RobotSetup(
+            robot=robot,
+            robots=robots,
+            problem=problem,
+            candidates=tuple(candidates.get(robot, ())),
+            evaluator=evaluator,
+            options=chosen,
+            sender=Sender(
+                session=chosen.session,
+                prior_digest=digest,
+                goal=goal_of(places[robot]) if robot in places else (),
+                terms=terms[robot],
+            ),
+            expected_terms=terms,
+        )
+        for robot in robots
+    }
+
+
+def coordinate(
+    problem: PlanningProblem,
+    candidates: Mapping[str, Sequence[CandidatePath]],
+    evaluator: AbstractEvaluator,
+    *,
+    options: CoordinationOptions | None = None,
+    goals: Mapping[str, ArrayLike] | None = None,
+    transport: SimulatedTransport | None = None,
+    prior_digest: str | None = None,
+    progress: Callable[[TurnRecord], None] | None = None,
+) -> Agreement:
+    """Let a team agree on paths.
+
+    Args:
+        problem: Prior, team, objective and models.
+        candidates: Candidate paths of each robot.
+        evaluator: How every robot evaluates them.
+        options: How the team comes to agree.
+        goals: Goal of each robot, metres, world frame.
+        transport: What carries the messages; None is in process without faults.
+        prior_digest: Digest of the prior where the caller has it; None computes it.
+        progress: Called after each entry that a robot writes.
+
+    Returns:
+        What was agreed; ``agreed`` is False if turns or time ran out.
+
+    Raises:
+        NoCandidatePathError: If a robot has no candidate path and may not stay; names it.
+        UnknownNameError: If candidates are given for a robot that is not in the team.
+    """
+    began = time.perf_counter()
+    chosen = options or CoordinationOptions()
+    setups = set_up_team(
+        problem, candidates, evaluator, options=chosen, goals=goals, prior_digest=prior_digest
+    )
+    network = transport or InProcessTransport(tuple(setups))
+    starting = time.perf_counter()
+    states = {robot: start_robot(setup) for robot, setup in setups.items()}
+    start_s = time.perf_counter() - starting
+    following = step if progress is None else _reporting(progress)
+    states = run_robots(states, following, network, time_limit_s=chosen.time_limit_s)
+    return _agreement(states, network, chosen, start_s, began)
+
+
+def _reporting(
+    progress: Callable[[TurnRecord], None],
+) -> Callable[[RobotState, Inbox], tuple[RobotState, Outbox]]:
+    """The step function, telling what a robot has written."""
+
+    def reporting(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
+        """Step and report."""
+        after, outbox = step(state, inbox)
+        for record in after.records[len(state.records) :]:
+            progress(record)
+        return after, outbox
+
+    return reporting
+
+
+def _agreement(
+    states: Mapping[str, RobotState],
+    transport: SimulatedTransport,
+    options: CoordinationOptions,
+    start_s: float,
+    began: float,
+) -> Agreement:
+    """Gather what the robots hold."""
+    furthest = max(states.values(), key=lambda state: state.turn)
+    ledger = furthest.ledger
+    finished = all(state.finished for state in states.values())
+    warnings = []
+    for robot, state in states.items():
+        if finished and state.ledger.basis() != ledger.basis():
+            raise StaleAnnouncementError(
+                f"robot {robot!r}: ended with {state.ledger.basis()}, others with "
+                f"{ledger.basis()}; the robots were not given the same options"
+            )
+        if not state.setup.candidates:
+            warnings.append(f"robot {robot!r} has no candidate path and stays at its start")
+    agreed = finished and furthest.agreed
+    if not finished:
+        warnings.append(f"no agreement within {options.time_limit_s:g} s of the transport's clock")
+    elif not agreed:
+        warnings.append(f"no agreement within {options.max_turns} turns")
+    first = furthest.first_value
+    values = [np.nan if first is None else first]
+    for message in ledger.messages:
+        if isinstance(message, Announcement) and message.value is not None:
+            values.append(message.value)
+    rises = sum(b > a + 1e-9 * abs(a) for a, b in zip(values, values[1:], strict=False))
+    if rises:
+        warnings.append(
+            f"the common objective rose {rises} times: robots announced without a basis, or the "
+            "evaluator is not exact"
+        )
+    order = {robot: place for place, robot in enumerate(states)}
+    records = sorted(
+        (record for state in states.values() for record in state.records),
+        key=lambda record: (record.turn, order[record.robot]),
+    )
+    evaluation_s = sum(record.decision.seconds for record in records if record.decision)
+    return Agreement(
+        agreed=agreed,
+        ledger=ledger,
+        paths=ledger.paths(),
+        chosen={r: s.incumbent for r, s in states.items() if s.incumbent is not None},
+        values=tuple(values),
+        turns=furthest.turn - 1,
+        records=tuple(records),
+        stale=furthest.stale,
+        traffic=transport.traffic,
+        clock_s=transport.now(),
+        seconds={
+            "start": start_s,
+            "evaluation": evaluation_s,
+            "coordination": time.perf_counter() - began - start_s - evaluation_s,
+        },
+        warnings=tuple(warnings),
+    )

@@ -1,0 +1,163 @@
+"""What every message between robots is wrapped in, whatever the planner.
+
+The envelope says who sends what, in which planning session, at which place, computed from what.
+The payload is the planner's own; a transport never looks inside.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Annotated, Any
+
+import msgspec
+
+from fgplan.errors import InvalidInputError
+
+MAX_ENVELOPE_BYTES = 65 * 1024 * 1024
+"""Largest envelope that is read at all."""
+
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
+Count = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class Envelope(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    dict=True,
+    forbid_unknown_fields=True,
+    tag="envelope.v1",
+    tag_field="schema",
+):
+    """A message on its way.
+
+    Attributes:
+        robot: Who wrote it; a teammate may pass it on unchanged.
+        session: Planning session.
+        sequence: Its place: the turn, or whatever the protocol of the kind counts.
+        kind: What the payload is.
+        basis: Sequence of each robot's announcement that the writer held.
+        payload: The message itself.
+    """
+
+    robot: Name
+    session: Count
+    sequence: Count
+    kind: Name
+    basis: dict[Name, Count] = {}
+    payload: bytes = b""
+
+    @cached_property
+    def encoded(self) -> bytes:
+        """The envelope as msgpack."""
+        return msgspec.msgpack.encode(self)
+
+    @property
+    def byte_size(self) -> int:
+        """Bytes on the wire."""
+        return len(self.encoded)
+
+    @property
+    def content(self) -> Any:  # noqa: ANN401 - the payload is the planner's
+        """The decoded payload where it was kept with the envelope, or None."""
+        return self.__dict__.get("content_kept")
+
+    def keep(self, content: Any) -> "Envelope":  # noqa: ANN401
+        """Keep the decoded, checked payload with the envelope, so that it is read once.
+
+        It does not travel: an envelope that was encoded and read again holds none.
+        """
+        self.__dict__["content_kept"] = content
+        return self
+
+
+class _Other(msgspec.Struct, tag="", tag_field="schema"):
+    """Never sent: a choice of two is what makes msgspec insist on the schema."""
+
+
+_DECODER = msgspec.msgpack.Decoder(Envelope | _Other)
+
+
+def decode_envelope(data: bytes) -> Envelope:
+    """Read an envelope.
+
+    Args:
+        data: As received.
+
+    Returns:
+        The envelope; its payload is not looked at.
+
+    Raises:
+        InvalidInputError: If it is malformed or too large.
+    """
+    if len(data) > MAX_ENVELOPE_BYTES:
+        raise InvalidInputError(
+            f"envelope: expected at most {MAX_ENVELOPE_BYTES} bytes, got {len(data)}"
+        )
+    try:
+        envelope = _DECODER.decode(data)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise InvalidInputError(f"envelope: {error}") from error
+    if isinstance(envelope, _Other):
+        raise InvalidInputError("envelope: schema: expected 'envelope.v1'")
+    return envelope
+
+
+@dataclass(frozen=True, slots=True)
+class Inbox:
+    """What a robot is given for one step.
+
+    Attributes:
+        now_s: Time of the transport, seconds.
+        envelopes: What arrived, in order of arrival.
+    """
+
+    now_s: float
+    envelopes: tuple[Envelope, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """One message that a step wants sent.
+
+    Attributes:
+        envelope: The message.
+        to: One robot, or None for all others.
+    """
+
+    envelope: Envelope
+    to: str | None = None
+
+
+Outbox = tuple[Outgoing, ...]
+
+
+@dataclass(slots=True)
+class Traffic:
+    """Counts of one kind of message.
+
+    Attributes:
+        sent: Messages handed to the transport; one to all others counts once.
+        sent_bytes: Their bytes.
+        delivered: Copies handed to receivers.
+        delivered_bytes: Their bytes.
+        lost: Copies that faults took.
+    """
+
+    sent: int = 0
+    sent_bytes: int = 0
+    delivered: int = 0
+    delivered_bytes: int = 0
+    lost: int = 0
+
+
+@dataclass(slots=True)
+class TrafficByKind:
+    """Counts of messages and bytes by kind of message."""
+
+    kinds: dict[str, Traffic] = field(default_factory=dict)
+
+    def of(self, kind: str) -> Traffic:
+        """Counts of one kind, made at its first message."""
+        if kind not in self.kinds:
+            self.kinds[kind] = Traffic()
+        return self.kinds[kind]

@@ -1,0 +1,28 @@
+"""Whose turn it is: every robot derives the same order, nobody keeps it.
+
+Turn 0 is round 0, in which everybody announces. Turn t >= 1 belongs to place (t - 1) mod R of
+round (t - 1) div R. Where all answer at the same moment every turn belongs to everybody.
+"""
+
+import numpy as np
+
+from fgplan.team.options import CoordinationOptions
+
+
+def round_order(
+    robots: tuple[str, ...], options: CoordinationOptions, number: int
+) -> tuple[str, ...]:
+    """Order of the robots in a round.
+
+    Args:
+        robots: In the order of the team.
+        options: Order, seed and session.
+        number: Number of the round, from 0.
+
+    Returns:
+        The order of the team, or a permutation of it drawn from (seed, session, number).
+    """
+    if options.order == "fixed":
+        return robots
+    generator = np.random.default_rng([options.seed, options.session, number])
+    return tuple(robots[place] for place in generator.permutation(len(robots)))
