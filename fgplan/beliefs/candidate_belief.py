@@ -120,7 +120,9 @@ def candidate_belief(
     graph = gtsam.NonlinearFactorGraph(problem.prior.graph)
     graph.push_back(factors.graph())
     values = gtsam.Values(problem.prior.values)
-    keys = {robot: (start,) for robot, start in problem.start_keys.items()}
+    keys: dict[str, tuple[Key, ...]] = {
+        robot: (start,) for robot, start in problem.start_keys.items()
+    }
     for robot, path in paths.items():
         last = path.steps if cut is None else min(cut, path.steps)
         keys[robot] = path_keys(problem, path)[: last + 1]

@@ -66,6 +66,19 @@ class GraphPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CandidatePart:
+    """A candidate's own part: what no announcement changes.
+
+    Attributes:
+        part: Local factors, and those with past states of the others.
+        poses: Planned poses, steps 1 to L.
+    """
+
+    part: GraphPart
+    poses: gtsam.Values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CommonGraph:
     """What does not depend on the candidate: prior, announced paths, factors among them.
 
@@ -87,32 +100,38 @@ def graph_part(factors: FactorSet, values: gtsam.Values) -> GraphPart:
         return GraphPart(factors, graph, graph.linearize(values))
 
 
-def path_values_of(problem: BeliefProblem, paths: Sequence[CandidatePath]) -> gtsam.Values:
+def joint_values(problem: BeliefProblem, paths: Sequence[CandidatePath]) -> gtsam.Values:
     """Estimates of the prior and the planned poses of some paths."""
     values = gtsam.Values(problem.prior.values)
-    for path in paths:
-        insert_poses(values, path_keys(problem, path), path)
+    values.insert(planned_poses(problem, paths))
     return values
 
 
-def planned_poses(problem: BeliefProblem, path: CandidatePath) -> gtsam.Values:
-    """The planned poses of one path, steps 1 to L."""
+def planned_poses(
+    problem: BeliefProblem, paths: Sequence[CandidatePath], cut: int | None = None
+) -> gtsam.Values:
+    """The planned poses of some paths, from step 1 to L or the cut."""
     values = gtsam.Values()
-    insert_poses(values, path_keys(problem, path), path)
+    for path in paths:
+        keys = path_keys(problem, path)
+        insert_poses(values, keys if cut is None else keys[: cut + 1], path)
     return values
 
 
 def own_part(problem: BeliefProblem, path: CandidatePath) -> GraphPart:
     """Factors of one path that no announcement changes: local, and with past states of others."""
     factors = local_factors(problem, path).factors + past_factors(problem, path).factors
-    return graph_part(FactorSet(factors), path_values_of(problem, [path]))
+    return graph_part(FactorSet(factors), joint_values(problem, [path]))
+
+
+def candidate_part(problem: BeliefProblem, path: CandidatePath) -> CandidatePart:
+    """A candidate's own part."""
+    return CandidatePart(own_part(problem, path), planned_poses(problem, [path]))
 
 
 def pair_part(problem: BeliefProblem, path: CandidatePath, other: CandidatePath) -> GraphPart:
     """Multi-robot factors between two paths."""
-    values = planned_poses(problem, path)
-    insert_poses(values, path_keys(problem, other), other)
-    return graph_part(pair_factors(problem, path, other), values)
+    return graph_part(pair_factors(problem, path, other), planned_poses(problem, [path, other]))
 
 
 def common_graph(
@@ -138,7 +157,7 @@ def common_graph(
         held = part.cut(cut)
         graph.push_back(held.graph)
         linear.push_back(held.linear)
-    return CommonGraph(graph, linear, path_values_of(problem, list(announced.values())))
+    return CommonGraph(graph, linear, joint_values(problem, list(announced.values())))
 
 
 def wanted_covariances(
@@ -212,7 +231,7 @@ def covariance_by_qr(linear: gtsam.GaussianFactorGraph, keys: Sequence[Key]) -> 
     with gtsam_boundary("reading the rows of a linear graph"):
         rows = np.asarray(linear.jacobian(ordering)[0])
     strongest = np.argsort(-np.linalg.norm(rows, axis=1), kind="stable")
-    triangle = np.linalg.qr(rows[strongest], mode="r")
+    triangle = np.asarray(np.linalg.qr(rows[strongest], mode="r"))
     pivots = np.abs(np.diagonal(triangle))
     if pivots.size < rows.shape[1] or (pivots < RANK_TOLERANCE * np.abs(rows).max(axis=0)).any():
         raise IllPosedBeliefError(
@@ -293,3 +312,11 @@ def _split(
         rows = np.concatenate([place[key] for key in group])
         blocks.append(joint[np.ix_(rows, rows)])
     return blocks
+
+
+def graph_of_parts(parts: Sequence[GraphPart]) -> gtsam.NonlinearFactorGraph:
+    """The nonlinear factors of several parts as one graph."""
+    graph = gtsam.NonlinearFactorGraph()
+    for part in parts:
+        graph.push_back(part.graph)
+    return graph

@@ -9,21 +9,22 @@ path are kept until that path changes. The elimination itself is done anew for e
 to be, ``qr`` the oracle (see fgplan/beliefs/from_scratch.py). All three are exact.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
 from fgplan.beliefs.from_scratch import (
+    CandidatePart,
     CommonGraph,
     Elimination,
     GraphPart,
+    candidate_part,
     check_elimination,
     common_graph,
     own_part,
     pair_part,
-    planned_poses,
     wanted_covariances,
 )
 from fgplan.errors import InvalidInputError
@@ -41,7 +42,7 @@ from fgplan.evaluation.term_values import (
 )
 from fgplan.factors.path_factors import pose_key
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import Covariance, FloatArray, Key
+from fgplan.typing import Covariance, Key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,8 +53,7 @@ class FromScratchState:
         problem: The problem.
         robot: The robot whose candidates these are.
         candidates: Its candidate paths.
-        poses: Planned poses of each candidate as GTSAM values.
-        own: Factors of each candidate that no announcement changes.
+        own: Of each candidate, its poses and the factors that no announcement changes.
         priors: Covariances under the prior, for mutual information.
         announced: Announced paths that the next two were built for.
         others: By robot, the factors of its path; by two robots, those between them.
@@ -63,8 +63,7 @@ class FromScratchState:
     problem: PlanningProblem
     robot: str
     candidates: tuple[CandidatePath, ...]
-    poses: tuple[object, ...] = field(repr=False)
-    own: tuple[GraphPart, ...] = field(repr=False)
+    own: tuple[CandidatePart, ...] = field(repr=False)
     priors: Mapping[int, Covariance] = field(repr=False)
     announced: Mapping[str, CandidatePath] = field(repr=False, default_factory=dict)
     others: Mapping[tuple[str, ...], GraphPart] = field(repr=False, default_factory=dict)
@@ -109,8 +108,7 @@ class FromScratch:
             problem=problem,
             robot=robot,
             candidates=tuple(candidates),
-            poses=tuple(planned_poses(problem, path) for path in candidates),
-            own=tuple(own_part(problem, path) for path in candidates),
+            own=tuple(candidate_part(problem, path) for path in candidates),
             priors=prior_covariances(problem),
         )
 
@@ -131,60 +129,99 @@ class FromScratch:
             IllPosedBeliefError: If a variable is not determined.
         """
         state = with_announced(state, announced)
-        problem, others = state.problem, dict(state.announced)
-        fixed = path_values(problem, others, tuple(others))
-        terms = np.zeros((len(state.candidates), len(problem.objective.terms)))
-        readings: dict[int, tuple[CutReadings, ...]] = {}
         commons: dict[int | None, CommonGraph] = {}
-        solves = fallbacks = 0
-        for place, path in enumerate(state.candidates):
-            if path.steps not in readings:
-                steps = path_steps({**others, state.robot: path})
-                readings[path.steps] = objective_readings(problem, steps)
-            terms[place] = fixed + path_values(problem, {state.robot: path}, (state.robot,))
-            for cut in readings[path.steps]:
-                limit = None if cut.final else cut.cut
-                if limit not in commons:
-                    parts = list(state.others.values())
-                    commons[limit] = common_graph(problem, others, parts, limit)
-                values, fell_back = self._read(state, place, cut, commons[limit], limit)
-                terms[place] += values
-                solves += 1
-                fallbacks += fell_back
-        report = ReevaluationReport(
-            impacted=tuple(range(len(state.candidates))), solves=solves, fallbacks=fallbacks
-        )
-        return state, Evaluations(
-            robot=state.robot, values=weigh(problem, terms), terms=terms, report=report
-        )
 
-    def _read(
-        self,
-        state: FromScratchState,
-        place: int,
-        cut: CutReadings,
-        common: CommonGraph,
-        limit: int | None,
-    ) -> tuple[FloatArray, bool]:
-        """Values of all that is read at one cut for one candidate: shape (T,)."""
-        problem = state.problem
-        parts = [state.own[place].cut(limit)]
-        parts += [between[place].cut(limit) for between in state.between.values()]
-        keys = [tuple(variable_key(problem, ref) for ref in r.variables) for r in cut.readings]
-        dims = {
-            variable_key(problem, ref): int(dim)
-            for ref, dim in zip(cut.variables, cut.dims, strict=True)
-        }
-        distinct = list(dict.fromkeys(keys))
-        covariances, fell_back = wanted_covariances(
-            common, parts, state.poses[place], distinct, dims, self.elimination
-        )
-        found = dict(zip(distinct, covariances, strict=True))
-        values = np.zeros(len(problem.objective.terms))
-        for reading, group in zip(cut.readings, keys, strict=True):
-            block = found[group][np.ix_(reading.rows, reading.rows)]
-            values[reading.term] += reading_value(problem, reading, block[None], state.priors)[0]
-        return values, fell_back
+        def covariances(
+            place: int,
+            limit: int | None,
+            wanted: Sequence[tuple[Key, ...]],
+            dims: Mapping[Key, int],
+        ) -> tuple[list[Covariance], bool]:
+            if limit not in commons:
+                parts = list(state.others.values())
+                commons[limit] = common_graph(state.problem, state.announced, parts, limit)
+            own = state.own[place]
+            return wanted_covariances(
+                commons[limit],
+                candidate_parts(state, place, limit),
+                own.poses,
+                wanted,
+                dims,
+                self.elimination,
+            )
+
+        return state, evaluate_candidates(state, covariances)
+
+
+CovarianceQuery = Callable[
+    [int, int | None, Sequence[tuple[Key, ...]], Mapping[Key, int]], tuple[list[Covariance], bool]
+]
+"""(candidate, cut or None, lists of keys, their dimensions) to joint covariances, fell back."""
+
+
+def evaluate_candidates(state: FromScratchState, covariances: CovarianceQuery) -> Evaluations:
+    """Objective of every candidate, given a way to compute joint covariances.
+
+    Args:
+        state: The candidates and the announced paths.
+        covariances: Called for every candidate and cut with the lists of keys that are read.
+
+    Returns:
+        Values and terms of all candidates, all of them counted as impacted.
+    """
+    problem, others = state.problem, dict(state.announced)
+    fixed = path_values(problem, others, tuple(others))
+    terms = np.zeros((len(state.candidates), len(problem.objective.terms)))
+    plans: dict[int, tuple[_ReadPlan, ...]] = {}
+    solves = fallbacks = 0
+    for place, path in enumerate(state.candidates):
+        if path.steps not in plans:
+            steps = path_steps({**others, state.robot: path})
+            plans[path.steps] = tuple(
+                _read_plan(problem, cut) for cut in objective_readings(problem, steps)
+            )
+        terms[place] = fixed + path_values(problem, {state.robot: path}, (state.robot,))
+        for plan in plans[path.steps]:
+            found, fell_back = covariances(place, plan.limit, plan.wanted, plan.dims)
+            by_keys = dict(zip(plan.wanted, found, strict=True))
+            for reading, keys in zip(plan.cut.readings, plan.keys, strict=True):
+                block = by_keys[keys][np.ix_(reading.rows, reading.rows)]
+                value = reading_value(reading, block[None], state.priors)
+                terms[place, reading.term] += value[0]
+            solves += 1
+            fallbacks += fell_back
+    report = ReevaluationReport(
+        impacted=tuple(range(len(state.candidates))), solves=solves, fallbacks=fallbacks
+    )
+    return Evaluations(robot=state.robot, values=weigh(problem, terms), terms=terms, report=report)
+
+
+def candidate_parts(state: FromScratchState, place: int, limit: int | None) -> list[GraphPart]:
+    """Factors of one candidate under the announced paths, cut at a step (equation 21)."""
+    parts = [state.own[place].part.cut(limit)]
+    parts += [between[place].cut(limit) for between in state.between.values()]
+    return parts
+
+
+@dataclass(frozen=True, slots=True)
+class _ReadPlan:
+    """Readings at one cut, as GTSAM keys."""
+
+    cut: CutReadings
+    limit: int | None
+    keys: tuple[tuple[Key, ...], ...]
+    wanted: tuple[tuple[Key, ...], ...]
+    dims: Mapping[Key, int]
+
+
+def _read_plan(problem: PlanningProblem, cut: CutReadings) -> _ReadPlan:
+    """Keys of the readings at one cut; equal lists are asked for once."""
+    keys = tuple(tuple(variable_key(problem, ref) for ref in r.variables) for r in cut.readings)
+    dims = {
+        variable_key(problem, ref): int(dim)
+        for ref, dim in zip(cut.variables, cut.dims, strict=True)
+    }
+    return _ReadPlan(cut, None if cut.final else cut.cut, keys, tuple(dict.fromkeys(keys)), dims)
 
 
 def with_announced(

@@ -52,12 +52,14 @@ class Reading:
 
     Attributes:
         term: Place of the term in the objective.
+        function: Name of its uncertainty function.
         variables: Variables read, jointly, in order.
         rows: Scalars of the term's block within the stacked tangents of ``variables``.
         joint_rows: The same scalars within the stacked tangents of the cut's variables.
     """
 
     term: int
+    function: str
     variables: tuple[VariableRef, ...]
     rows: IntArray
     joint_rows: IntArray
@@ -141,15 +143,11 @@ def prior_covariances(problem: PlanningProblem) -> dict[int, Covariance]:
 
 
 def reading_value(
-    problem: PlanningProblem,
-    reading: Reading,
-    covariance: FloatArray,
-    prior: Mapping[int, Covariance],
+    reading: Reading, covariance: FloatArray, prior: Mapping[int, Covariance]
 ) -> FloatArray:
     """Unweighted value of one reading.
 
     Args:
-        problem: Holds the term.
         reading: The reading.
         covariance: Covariance of the term's block (of ``reading.rows``), shape (N, n, n).
         prior: From ``prior_covariances``.
@@ -160,8 +158,7 @@ def reading_value(
     Raises:
         IllPosedBeliefError: If a covariance is not positive definite.
     """
-    term = problem.objective.terms[reading.term]
-    function = uncertainty_function(term.function)  # type: ignore[union-attr]
+    function = uncertainty_function(reading.function)
     try:
         values = function.evaluate(covariance, prior.get(reading.term))
     except np.linalg.LinAlgError as error:
@@ -194,7 +191,7 @@ def uncertainty_values(
     for reading in cut.readings:
         rows = reading.joint_rows
         block = covariance[:, rows[:, None], rows]
-        values[:, reading.term] += reading_value(problem, reading, block, prior)
+        values[:, reading.term] += reading_value(reading, block, prior)
     return values
 
 
@@ -259,7 +256,15 @@ def _cut_readings(
         stacked = np.concatenate(
             [np.arange(_dim(problem, ref)) + offset[ref] for ref in refs], dtype=np.int64
         )
-        readings.append(Reading(term=place, variables=refs, rows=rows, joint_rows=stacked[rows]))
+        readings.append(
+            Reading(
+                term=place,
+                function=term.function,
+                variables=refs,
+                rows=rows,
+                joint_rows=stacked[rows],
+            )
+        )
     return CutReadings(
         cut=cut, final=final, variables=variables, dims=dims, readings=tuple(readings)
     )

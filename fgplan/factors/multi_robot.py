@@ -15,7 +15,6 @@ two beliefs.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import gtsam
 import numpy as np
@@ -24,6 +23,7 @@ from fgplan.factors.factor_set import FactorId, PlannedFactor, state_identity
 from fgplan.factors.motion import between_factor
 from fgplan.factors.gaussian_noise import gaussian_noise, noise_digest
 from fgplan.factors.observation import (
+    JacobianList,
     bearing_basis_agrees,
     measured_bearing,
     sensor_residual,
@@ -155,11 +155,11 @@ def multi_robot_factor(
     distance = float(np.linalg.norm(target - position(pose)))
     native = planar or bearing_basis_agrees(sensor, pose, sensor.noise(pose, target))
     if type(sensor) is RangeSensor:
-        make = gtsam.RangeFactorPose2 if planar else gtsam.RangeFactorPose3
-        return make(*keys, distance, noise)
+        ranging = gtsam.RangeFactorPose2 if planar else gtsam.RangeFactorPose3
+        return ranging(*keys, distance, noise)
     if native and type(sensor) is BearingRangeSensor:
-        make = gtsam.BearingRangeFactorPose2 if planar else gtsam.BearingRangeFactorPose3
-        return make(*keys, measured_bearing(pose, target), distance, noise)
+        locating = gtsam.BearingRangeFactorPose2 if planar else gtsam.BearingRangeFactorPose3
+        return locating(*keys, measured_bearing(pose, target), distance, noise)
     if planar and type(sensor) is BearingSensor:
         return gtsam.BearingFactorPose2(*keys, measured_bearing(pose, target), noise)
     return _pose_custom_factor(sensor, keys, pose, other, noise)
@@ -192,8 +192,11 @@ def _pose_custom_factor(
         found = values.atPose2(key)
         return np.array([found.x(), found.y(), found.theta()])
 
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: Any) -> FloatArray:
-        where, there = (read(values, key) for key in factor.keys())
+    def error(
+        factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: JacobianList
+    ) -> FloatArray:
+        first, second = tuple(factor.keys())
+        where, there = read(values, first), read(values, second)
         target = position(there)
         by_pose, by_target = sensor.jacobians(where, target)
         store_jacobians(jacobians, (by_pose, by_target @ point_jacobian(there, target.size)))

@@ -10,8 +10,8 @@ both of its directions would mean something else there, so such noise takes the 
 basis is the sensor's.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, MutableSequence, Sequence
+from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -19,11 +19,15 @@ import numpy as np
 from fgplan.errors import UnknownNameError
 from fgplan.factors.factor_set import FactorId, PlannedFactor, state_identity
 from fgplan.factors.gaussian_noise import gaussian_noise, noise_digest
-from fgplan.models.pose import rotation_matrix
+from fgplan.models.pose import position, position_in, rotation_matrix
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
 from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, Jacobian, Key, Pose
+
+
+JacobianList = MutableSequence[Jacobian] | None
+"""Where GTSAM wants a CustomFactor's Jacobians: one place a key, or None if it wants none."""
 
 
 class Estimates(Protocol):
@@ -74,16 +78,16 @@ def observation_factor(
     noise = gaussian_noise(covariance, f"{sensor.kind} observation")
     planar = pose.ndim == 1
     native = planar == (point.size == 2) and bearing_basis_agrees(sensor, pose, covariance)
+    distance = float(np.linalg.norm(point - position_in(pose, point.size)))
     if native and type(sensor) is RangeSensor:
-        make = gtsam.RangeFactor2D if planar else gtsam.RangeFactor3D
-        return make(*keys, float(np.linalg.norm(point - _position(pose))), noise)
+        ranging = gtsam.RangeFactor2D if planar else gtsam.RangeFactor3D
+        return ranging(*keys, distance, noise)
     if native and type(sensor) is BearingSensor:
-        make = gtsam.BearingFactor2D if planar else gtsam.BearingFactor3D
-        return make(*keys, measured_bearing(pose, point), noise)
+        sighting = gtsam.BearingFactor2D if planar else gtsam.BearingFactor3D
+        return sighting(*keys, measured_bearing(pose, point), noise)
     if native and type(sensor) is BearingRangeSensor:
-        make = gtsam.BearingRangeFactor2D if planar else gtsam.BearingRangeFactor3D
-        distance = float(np.linalg.norm(point - _position(pose)))
-        return make(*keys, measured_bearing(pose, point), distance, noise)
+        locating = gtsam.BearingRangeFactor2D if planar else gtsam.BearingRangeFactor3D
+        return locating(*keys, measured_bearing(pose, point), distance, noise)
     return _point_custom_factor(sensor, keys, pose, point, noise)
 
 
@@ -142,21 +146,16 @@ def sensor_residual(
     if pose.ndim == 1 or not isinstance(sensor, BearingSensor | BearingRangeSensor):
         return residual
     by_target = sensor.jacobians(pose, target)[1][:2]
-    distance = np.linalg.norm(target - _position(pose))
+    distance = np.linalg.norm(target - position(pose))
     basis = distance * by_target @ rotation_matrix(pose)
     return np.append(basis @ residual[:3], residual[3:])
 
 
-def store_jacobians(into: Any, blocks: Sequence[Jacobian]) -> None:
+def store_jacobians(into: JacobianList, blocks: Sequence[Jacobian]) -> None:
     """Hand Jacobians to GTSAM, which asks for them by a list of empty matrices or None."""
     if into is not None:
         for place, block in enumerate(blocks):
             into[place] = np.asfortranarray(block)
-
-
-def _position(pose: Pose) -> FloatArray:
-    """Position, shape (2,) or (3,)."""
-    return pose[:2] if pose.ndim == 1 else pose[:3, 3]
 
 
 def _point_custom_factor(
@@ -170,7 +169,9 @@ def _point_custom_factor(
     measured = sensor.predict(pose, point)
     planar, flat = pose.ndim == 1, point.size == 2
 
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: Any) -> FloatArray:
+    def error(
+        factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: JacobianList
+    ) -> FloatArray:
         pose_key, point_key = factor.keys()
         if planar:
             read = values.atPose2(pose_key)
