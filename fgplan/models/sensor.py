@@ -26,7 +26,7 @@ MIN_DISTANCE_M = 1e-9
 class SightLines(Protocol):
     """What a sensor asks of a world: which straight lines are free."""
 
-    def line_of_sight(self, starts: FloatArray, ends: FloatArray) -> IntArray:
+    def has_line_of_sight(self, starts: FloatArray, ends: FloatArray) -> IntArray:
         """Whether segments from (n, 2) to (n, 2), metres, are free: shape (n,), boolean."""
         ...
 
@@ -80,7 +80,7 @@ class AbstractSensor(ABC):
         if world is None:
             return True
         start = position_in(pose, target.size)[None, :2]
-        return bool(world.line_of_sight(start, target[None, :2])[0])
+        return bool(world.has_line_of_sight(start, target[None, :2])[0])
 
     def linearise(
         self, pose: Pose, target: FloatArray, covariance: Covariance | None = None

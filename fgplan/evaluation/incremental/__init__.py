@@ -1,0 +1,1 @@
+"""The incremental evaluator: exact re-evaluation of candidate paths from compressed messages."""

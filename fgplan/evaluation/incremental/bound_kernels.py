@@ -1,0 +1,252 @@
+"""Compiled: a lower bound on the covariances after following a candidate, without its message.
+
+Posterior covariances grow with the prior covariance, and a Schur complement takes away:
+
+    S_Z = S[:, z] S[z, z]^-1 S[z, :] <= S,
+
+so every covariance computed with S_Z is a lower bound. In words: pretend that the others'
+deviations are determined by their deviations at the variables z that are read. With
+B = S[:, z] L_z^-T, S[z, z] = L_z L_z', all of the universe is x = B v with v ~ N(0, I), k numbers,
+and the chain's factors give
+
+    I_v = I + sum_j B_j'D_j B_j + B_k'A1'A1 B_k - Y'Y,    Psi' = motion + sum A_i'A_i = L L',
+    Y = L^-1 (sum A_i'A_j B_j, first pose + A2'A1 B_k)
+
+where Psi' is block tridiagonal because nothing outside the chain is eliminated. Own pose:
+w'w + (w'Y) I_v^-1 (w'Y)', any other variable g: B_g I_v^-1 B_g'.
+"""
+
+import numpy as np
+from numba import njit
+
+LOSS_LIMIT = 1e5
+"""Largest ratio of the terms of a diagonal entry of I_v to its pivot; beyond it, no bound."""
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _add_state(
+    pointer, variable, own, cross, other, s, column, width, columns_b, diagonal, right, rows, used
+):
+    """Add one state's factors; returns the number of rows of sqrt(D) B used so far."""
+    d = diagonal.shape[0]
+    k = columns_b.shape[1]
+    root = np.empty((d, d))
+    for m in range(pointer[s], pointer[s + 1]):
+        v = variable[m]
+        col = column[v]
+        if col < 0:
+            continue
+        size = width[v]
+        for a in range(d):
+            for b in range(d):
+                diagonal[a, b] += own[m, a, b]
+        for a in range(size):
+            from_b = columns_b[col + a]
+            for i in range(d):
+                weight = cross[m, a, i]
+                target = right[i]
+                for j in range(k):
+                    target[j] += weight * from_b[j]
+        for a in range(size):
+            for b in range(a + 1):
+                total = other[m, a, b]
+                for t in range(b):
+                    total -= root[a, t] * root[b, t]
+                if a == b:
+                    root[a, a] = np.sqrt(total) if total > 1e-13 * other[m, a, a] else 0.0
+                else:
+                    root[a, b] = total / root[b, b] if root[b, b] > 0.0 else 0.0
+        for a in range(size):
+            target = rows[used + a]
+            for j in range(k):
+                target[j] = 0.0
+            for t in range(a, size):
+                weight = root[t, a]
+                from_b = columns_b[col + t]
+                for j in range(k):
+                    target[j] += weight * from_b[j]
+        used += size
+    return used
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def lower_covariances(
+    candidates, lengths, states, motion_late, motion_cross, motion_early,
+    fixed_pointer, fixed_variable, fixed_own, fixed_cross, fixed_other,
+    moving_pointer, moving_variable, moving_own, moving_cross, moving_other,
+    column, width, columns_b, start, read_own, read_columns, valid, out,
+):  # fmt: skip
+    """Lower bounds on the joint covariance of what is read, for some candidates.
+
+    Args:
+        candidates: Shape (n,), indices of candidates.
+        lengths: Shape (n,), steps of each; the last pose is the own pose that is read.
+        states: And the motion and factor arrays: see ``build_messages``.
+        column: Shape (V,), first scalar of each variable in S, or -1.
+        width: Shape (V,), dimension of each variable.
+        columns_b: B, shape (U, k).
+        start: First scalar of x_k.
+        read_own: 1 where the own last pose is read, first; 0 where it is not.
+        read_columns: Shape (g,), scalars of the universe that are read after it.
+        valid: Out: shape (n,), 1 where the bound may be used.
+        out: Out: shape (n, d + g, d + g).
+    """
+    d = motion_late.shape[2]
+    k = columns_b.shape[1]
+    own = d * read_own
+    read = own + read_columns.shape[0]
+    most = 0
+    longest = 0
+    for n in range(candidates.shape[0]):
+        count = 0
+        for i in range(lengths[n]):
+            s = states[candidates[n], i]
+            count += fixed_pointer[s + 1] - fixed_pointer[s]
+            count += moving_pointer[s + 1] - moving_pointer[s]
+        most = max(most, count)
+        longest = max(longest, lengths[n])
+    rows = np.empty((most * d + d + 1, k))
+    chain_y = np.empty((longest * d, k))
+    diagonal = np.empty((d, d))
+    lower = np.empty((d, d))
+    carry = np.empty((d, d))
+    right = np.empty((d, k))
+    right_before = np.empty((d, k))
+    information = np.empty((k, k))
+    reads = np.empty((read, k))
+    for n in range(candidates.shape[0]):
+        c = candidates[n]
+        length = lengths[n]
+        used = 0
+        good = True
+        for i in range(length):
+            s = states[c, i]
+            for a in range(d):
+                for b in range(d):
+                    diagonal[a, b] = motion_late[c, i, a, b]
+                    if i + 1 < length:
+                        diagonal[a, b] += motion_early[c, i + 1, a, b]
+                for j in range(k):
+                    right[a, j] = 0.0
+            if i == 0:
+                for a in range(d):
+                    for b in range(d):
+                        for j in range(k):
+                            right[a, j] += motion_cross[c, 0, a, b] * columns_b[start + b, j]
+            used = _add_state(
+                fixed_pointer, fixed_variable, fixed_own, fixed_cross, fixed_other, s, column,
+                width, columns_b, diagonal, right, rows, used,
+            )  # fmt: skip
+            used = _add_state(
+                moving_pointer, moving_variable, moving_own, moving_cross, moving_other, s,
+                column, width, columns_b, diagonal, right, rows, used,
+            )  # fmt: skip
+            if i > 0:
+                for a in range(d):
+                    for b in range(d):
+                        total = motion_cross[c, i, a, b]
+                        for t in range(b):
+                            total -= carry[a, t] * lower[b, t]
+                        carry[a, b] = total / lower[b, b]
+                for a in range(d):
+                    for b in range(d):
+                        total = 0.0
+                        for t in range(d):
+                            total += carry[a, t] * carry[b, t]
+                        diagonal[a, b] -= total
+                    for t in range(d):
+                        weight = carry[a, t]
+                        for j in range(k):
+                            right[a, j] -= weight * right_before[t, j]
+            for a in range(d):
+                for b in range(a + 1):
+                    total = diagonal[a, b]
+                    for t in range(b):
+                        total -= lower[a, t] * lower[b, t]
+                    if a == b:
+                        if not total > 0.0:
+                            good = False
+                            total = 1.0
+                        lower[a, a] = np.sqrt(total)
+                    else:
+                        lower[a, b] = total / lower[b, b]
+            for a in range(d):
+                for t in range(a):
+                    weight = lower[a, t]
+                    for j in range(k):
+                        right[a, j] -= weight * right[t, j]
+                for j in range(k):
+                    right[a, j] /= lower[a, a]
+            for a in range(d):
+                for j in range(k):
+                    chain_y[i * d + a, j] = right[a, j]
+                    right_before[a, j] = right[a, j]
+        for a in range(d):
+            for b in range(a + 1):
+                total = motion_early[c, 0, a, b]
+                for t in range(b):
+                    total -= carry[a, t] * carry[b, t]
+                carry[a, b] = np.sqrt(max(total, 0.0)) if a == b else total / carry[b, b]
+        for a in range(d):
+            for j in range(k):
+                total = 0.0
+                for t in range(a, d):
+                    total += carry[t, a] * columns_b[start + t, j]
+                rows[used + a, j] = total
+        used += d
+        gained = np.dot(rows[:used].T, rows[:used])
+        spent = np.dot(chain_y[: length * d].T, chain_y[: length * d])
+        for a in range(k):
+            for b in range(a + 1):
+                total = gained[a, b] - spent[a, b]
+                if a == b:
+                    total += 1.0
+                for t in range(b):
+                    total -= information[a, t] * information[b, t]
+                if a == b:
+                    if not total * LOSS_LIMIT > 1.0 + gained[a, a]:
+                        good = False
+                        total = 1.0
+                    information[a, a] = np.sqrt(total)
+                else:
+                    information[a, b] = total / information[b, b]
+        valid[n] = 1 if good else 0
+        if not good:
+            continue
+        last = (length - 1) * d
+        # w = L^-1 e of the last pose: only the last diagonal block of L takes part
+        for a in range(own):
+            for t in range(d):
+                total = 1.0 if t == a else 0.0
+                for u in range(t):
+                    total -= lower[t, u] * carry[u, a]
+                carry[t, a] = total / lower[t, t]
+        for a in range(own):
+            for j in range(k):
+                total = 0.0
+                for t in range(d):
+                    total -= carry[t, a] * chain_y[last + t, j]
+                reads[a, j] = total
+        for g in range(read_columns.shape[0]):
+            for j in range(k):
+                reads[own + g, j] = columns_b[read_columns[g], j]
+        for r in range(read):
+            row = reads[r]
+            for j in range(k):
+                total = row[j]
+                for t in range(j):
+                    total -= information[j, t] * row[t]
+                row[j] = total / information[j, j]
+        for a in range(read):
+            for b in range(a + 1):
+                total = 0.0
+                for j in range(k):
+                    total += reads[a, j] * reads[b, j]
+                out[n, a, b] = total
+                out[n, b, a] = total
+        for a in range(own):
+            for b in range(own):
+                total = 0.0
+                for t in range(d):
+                    total += carry[t, a] * carry[t, b]
+                out[n, a, b] += total

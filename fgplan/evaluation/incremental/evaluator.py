@@ -1,0 +1,313 @@
+"""The incremental evaluator: exact values, and only the work that an announcement asks for.
+
+Once a prior: one elimination of the history. Once a robot: its candidates as arrays. Once an
+announcement: S, factors with announced poses, and the messages of candidates whose factors
+changed. Once a candidate: one Cholesky factor of a small joint covariance. Candidates that the
+announcement does not reach keep their own term and get the others' as a constant. ``choose``
+evaluates exactly only the candidates that a lower bound cannot exclude.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fgplan.errors import InvalidInputError, NoCandidatePathError
+from fgplan.evaluation.evaluations import (
+    TIE_TOLERANCE,
+    Evaluations,
+    ReevaluationReport,
+    select,
+    weigh,
+)
+from fgplan.evaluation.incremental.candidate_table import tabulate
+from fgplan.evaluation.incremental.candidate_terms import (
+    Work,
+    candidate_terms,
+    constant_terms,
+    lower_bounds,
+)
+from fgplan.evaluation.incremental.factor_blocks import no_blocks
+from fgplan.evaluation.incremental.memory import Memory
+from fgplan.evaluation.incremental.prior_marginal import (
+    eliminate_history,
+    needed_keys,
+    restrict,
+)
+from fgplan.evaluation.incremental.turn import (
+    Turn,
+    begin_turn,
+    reads_only_the_end,
+    separable,
+    touched_keys,
+)
+from fgplan.evaluation.incremental.universe import Numbering, fixed_blocks
+from fgplan.evaluation.objective import UncertaintyTerm
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.evaluation.term_values import path_values, prior_covariances
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.typing import FloatArray, IntArray
+
+FIRST_CAPACITY = 64
+"""Steps an announced path may have before variables are numbered anew."""
+
+FIRST_BATCH = 2
+"""Candidates evaluated exactly before the bound is used; batches grow by half."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """The best candidate, found without evaluating all.
+
+    Attributes:
+        index: Best candidate; of equal ones the lowest index.
+        value: Its objective value.
+        incumbent_value: Value of the candidate asked about, or None.
+        report: Account of the work; ``skipped`` are the candidates never evaluated.
+    """
+
+    index: int
+    value: float
+    incumbent_value: float | None
+    report: ReevaluationReport
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Incremental:
+    """Exact re-evaluation of only what changed.
+
+    Attributes:
+        message_bytes: Most memory that one robot's messages may hold between evaluations.
+        name: Name in scenarios and reports.
+    """
+
+    message_bytes: int = 32_000_000
+    name: str = "incremental"
+
+    def start(
+        self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
+    ) -> Memory:
+        """Prepare what depends on the prior and the candidates alone.
+
+        Args:
+            problem: Prior, team, objective and models.
+            robot: Whose candidates these are.
+            candidates: At least one path of the robot.
+
+        Returns:
+            Memory for ``evaluate`` and ``choose``.
+
+        Raises:
+            NoCandidatePathError: If there is no candidate.
+            InvalidInputError: If a candidate is another robot's or does not fit the prior.
+            IllPosedBeliefError: If the prior has no finite covariance.
+        """
+        if not candidates:
+            raise NoCandidatePathError(
+                f"robot {robot!r}: expected at least one candidate path, got none; check that its "
+                "goal is reachable"
+            )
+        for path in candidates:
+            if path.robot != robot:
+                raise InvalidInputError(
+                    f"candidates of robot {robot!r}: expected its own paths, got one of "
+                    f"{path.robot!r}"
+                )
+            problem.check_path(path)
+        table = tabulate(candidates)
+        landmarks = [o.landmark for path in candidates for o in path.observations]
+        touched = touched_keys(problem, table.distinct, table.poses, landmarks)
+        wide = eliminate_history(problem, touched)
+        numbering = Numbering(problem.robots, FIRST_CAPACITY, needed_keys(problem, touched))
+        return Memory(
+            problem=problem,
+            robot=robot,
+            table=table,
+            wide=wide,
+            numbering=numbering,
+            prior=restrict(wide, numbering.prior_keys),
+            fixed=fixed_blocks(
+                problem, numbering, table.distinct, table.poses, list(table.observations)
+            ),
+            prior_blocks=prior_covariances(problem),
+            path_terms=np.array([path_values(problem, {robot: p}, [robot]) for p in candidates]),
+            moving=no_blocks(len(table.distinct), problem.dim),
+        )
+
+    def add_candidates(self, memory: Memory, candidates: Sequence[CandidatePath]) -> Memory:
+        """Append candidates; the announcements stay known, values are computed at the next call.
+
+        Args:
+            memory: Memory of the last evaluation.
+            candidates: New paths, appended after the old ones.
+
+        Returns:
+            Memory for all candidates.
+        """
+        fresh = self.start(memory.problem, memory.robot, [*memory.table.paths, *candidates])
+        turn = begin_turn(fresh, memory.announced)
+        terms = None
+        if memory.terms is not None:
+            width = len(memory.problem.objective.terms)
+            terms = np.full((len(fresh.table.paths), width), np.nan)
+            terms[: len(memory.terms)] = memory.terms
+        return replace(turn.memory, terms=terms)
+
+    def evaluate(
+        self, memory: Memory, announced: Mapping[str, CandidatePath]
+    ) -> tuple[Memory, Evaluations]:
+        """Evaluate every candidate under the others' announced paths.
+
+        Args:
+            memory: Memory of the last evaluation.
+            announced: Announced paths by robot; the robot's own is not read.
+
+        Returns:
+            New memory, and exact values of all candidates.
+
+        Raises:
+            InvalidInputError: If an announced path does not fit the problem.
+        """
+        turn = begin_turn(memory, announced)
+        work = Work()
+        terms, known = _carried_over(turn)
+        turn = _with_usable_pools(turn)
+        missing = np.flatnonzero(~known)
+        turn, terms[missing] = candidate_terms(turn, missing, work)
+        after = self._remember(turn, terms)
+        report = _report(turn, after, work, known, ())
+        values = weigh(memory.problem, terms)
+        return after, Evaluations(robot=memory.robot, values=values, terms=terms, report=report)
+
+    def choose(
+        self,
+        memory: Memory,
+        announced: Mapping[str, CandidatePath],
+        incumbent: int | None = None,
+    ) -> tuple[Memory, Choice]:
+        """Find the best candidate; lower bounds exclude the rest.
+
+        The same decision and tie-break as evaluating all. With a term that is not monotone, a
+        negative weight, or a term that reads before the end, everything is evaluated.
+
+        Args:
+            memory: Memory of the last evaluation.
+            announced: Announced paths by robot; the robot's own is not read.
+            incumbent: Candidate whose exact value is wanted as well, or None.
+
+        Returns:
+            New memory, and the choice.
+
+        Raises:
+            InvalidInputError: If an announced path does not fit the problem.
+        """
+        problem = memory.problem
+        uncertain = any(isinstance(t, UncertaintyTerm) for t in problem.objective.terms)
+        if not (
+            uncertain
+            and problem.objective.bounded
+            and reads_only_the_end(problem, memory.robot)
+        ):
+            after, found = self.evaluate(memory, announced)
+            note = "no bound: a term is not monotone, has a negative weight or reads before the end"
+            report = replace(found.report, notes=(note,))
+            return after, _choice(found.values, memory.robot, incumbent, report)
+        turn = begin_turn(memory, announced)
+        work = Work()
+        terms, known = _carried_over(turn)
+        turn = _with_usable_pools(turn)
+        carried = known.copy()
+        values = np.where(known, weigh(problem, np.where(known[:, None], terms, 0.0)), np.inf)
+        rest = np.flatnonzero(~known)
+        bounds = np.full(len(values), np.inf)
+        if len(rest):
+            bounds[rest] = weigh(problem, lower_bounds(turn, rest))
+        queue = rest[np.argsort(bounds[rest], kind="stable")]
+        first = {int(queue[0])} if len(queue) else set()
+        if incumbent is not None and not known[incumbent]:
+            first.add(incumbent)
+        batch = np.array(sorted(first), np.int64)
+        size = FIRST_BATCH
+        while len(batch):
+            turn, terms[batch] = candidate_terms(turn, batch, work)
+            values[batch] = weigh(problem, terms[batch])
+            known[batch] = True
+            best = float(values.min())
+            limit = best + 2.0 * TIE_TOLERANCE * abs(best)
+            open_ = [c for c in queue.tolist() if not known[c] and bounds[c] <= limit]
+            batch = np.array(sorted(open_[:size]), np.int64)
+            size += (size + 1) // 2
+        after = self._remember(turn, np.where(known[:, None], terms, np.nan))
+        skipped = tuple(np.flatnonzero(~known).tolist())
+        report = _report(turn, after, work, carried, skipped)
+        return after, _choice(values, memory.robot, incumbent, report)
+
+    def _remember(self, turn: Turn, terms: FloatArray) -> Memory:
+        """Memory for the next call, within its bound."""
+        pools, held = [], 0
+        for pool in turn.memory.pools:
+            if held + pool.bytes <= self.message_bytes:
+                pools.append(pool)
+                held += pool.bytes
+        return replace(turn.memory, pools=tuple(pools), terms=terms)
+
+
+def _carried_over(turn: Turn) -> tuple[FloatArray, IntArray]:
+    """Terms of the candidates that the change does not reach, and which those are."""
+    memory = turn.memory
+    shape = (len(memory.table.paths), len(memory.problem.objective.terms))
+    if memory.terms is None or not separable(memory.problem):
+        unchanged = memory.terms is not None and not turn.changed
+        if memory.terms is not None and unchanged:
+            return memory.terms.copy(), ~np.isnan(memory.terms).any(axis=1)
+        return np.full(shape, np.nan), np.zeros(shape[0], bool)
+    terms = memory.terms.copy()
+    known = ~turn.impacted & ~np.isnan(terms).any(axis=1)
+    if turn.changed and known.any():
+        wanted, constants = constant_terms(turn, turn.changed_robots)
+        terms[np.ix_(known, wanted)] = constants[wanted]
+    return terms, known
+
+
+def _with_usable_pools(turn: Turn) -> Turn:
+    """Drop messages whose factors changed, and pools of which little is left."""
+    pools = []
+    for pool in turn.memory.pools:
+        live = pool.live & ~turn.dirty[pool.candidates]
+        if 2 * int(live.sum()) >= len(live):
+            pools.append(replace(pool, live=live))
+    return replace(turn, memory=replace(turn.memory, pools=tuple(pools)))
+
+
+def _report(
+    turn: Turn, after: Memory, work: Work, known: IntArray, skipped: tuple[int, ...]
+) -> ReevaluationReport:
+    """Account of an evaluation."""
+    vertices = np.unique(after.table.vertices[turn.change.involved])
+    return ReevaluationReport(
+        factors_added=turn.change.added,
+        factors_removed=turn.change.removed,
+        factors_kept=turn.change.kept,
+        involved_vertices=tuple(vertices.tolist()),
+        impacted=tuple(np.flatnonzero(turn.impacted).tolist()),
+        untouched=tuple(np.flatnonzero(~turn.impacted).tolist()),
+        messages_reused=work.reused + int(known.sum()),
+        messages_rebuilt=work.rebuilt,
+        solves=work.solves,
+        skipped=skipped,
+        fallbacks=work.fallbacks + int(any(u.by_qr for u in turn.universes.values())),
+        bytes_held=after.bytes,
+    )
+
+
+def _choice(
+    values: FloatArray, robot: str, incumbent: int | None, report: ReevaluationReport
+) -> Choice:
+    """The best of the evaluated candidates."""
+    index = select(values, robot)
+    return Choice(
+        index=index,
+        value=float(values[index]),
+        incumbent_value=None if incumbent is None else float(values[incumbent]),
+        report=report,
+    )

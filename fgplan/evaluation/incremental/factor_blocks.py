@@ -1,0 +1,222 @@
+"""Information blocks of factors between the states of a path and variables outside it.
+
+A factor with whitened rows A_i x_i + A_v x_v enters everything only by A_i'A_i, A_v'A_i and
+A_v'A_v. Blocks of one path's states stand in one table, rows sorted by state. Which factors there
+are follows the rule of ``fgplan.factors``: a future state of one robot is joined with future states
+of another and with the past states that the problem lists, never with one of its own robot.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.models.relative_pose import RelativePoseSensor
+from fgplan.paths.candidate_path import Observation
+from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
+from fgplan.paths.state import State
+from fgplan.typing import FloatArray, IntArray, Key
+
+
+@dataclass(frozen=True, slots=True)
+class FactorBlocks:
+    """Blocks of factors, sorted by own state.
+
+    Attributes:
+        pointer: Shape (A + 1,), where the factors of each own state begin.
+        variable: Shape (M,), what each factor joins its state with: a number of the caller's.
+        rank: Shape (M,), rows of each factor.
+        own: Shape (M, d, d), A_i'A_i.
+        cross: Shape (M, d, d), A_v'A_i; rows beyond the variable's dimension are zero.
+        other: Shape (M, d, d), A_v'A_v, likewise.
+    """
+
+    pointer: IntArray
+    variable: IntArray
+    rank: IntArray
+    own: FloatArray
+    cross: FloatArray
+    other: FloatArray
+
+    @property
+    def bytes(self) -> int:
+        """Memory held."""
+        return int(
+            self.pointer.nbytes
+            + self.variable.nbytes
+            + self.rank.nbytes
+            + self.own.nbytes
+            + self.cross.nbytes
+            + self.other.nbytes
+        )
+
+
+def no_blocks(states: int, dim: int) -> FactorBlocks:
+    """A table without factors for a number of own states."""
+    none = np.zeros(0, np.int64)
+    blocks = np.zeros((0, dim, dim))
+    return FactorBlocks(np.zeros(states + 1, np.int64), none, none, blocks, blocks, blocks)
+
+
+def stack_rows(
+    per_state: Sequence[Sequence[tuple[int, FloatArray, FloatArray]]], dim: int
+) -> FactorBlocks:
+    """Make a table from whitened rows.
+
+    Args:
+        per_state: For each own state (variable, A_i, A_v) of its factors, of shapes (m, d), (m, n).
+        dim: Tangent dimension d of a pose, at least n.
+
+    Returns:
+        The table.
+    """
+    pointer = np.zeros(len(per_state) + 1, np.int64)
+    pointer[1:] = np.cumsum([len(factors) for factors in per_state])
+    size = int(pointer[-1])
+    variable, rank = np.empty(size, np.int64), np.empty(size, np.int64)
+    own, cross, other = np.zeros((3, size, dim, dim))
+    m = 0
+    for factors in per_state:
+        for number, by_own, by_other in factors:
+            width = by_other.shape[1]
+            variable[m], rank[m] = number, len(by_own)
+            own[m] = by_own.T @ by_own
+            cross[m, :width] = by_other.T @ by_own
+            other[m, :width, :width] = by_other.T @ by_other
+            m += 1
+    return FactorBlocks(pointer, variable, rank, own, cross, other)
+
+
+def merge(tables: Sequence[FactorBlocks]) -> FactorBlocks:
+    """One table of several over the same own states."""
+    if len(tables) == 1:
+        return tables[0]
+    count = sum(np.diff(table.pointer) for table in tables)
+    pointer = np.zeros(len(tables[0].pointer), np.int64)
+    pointer[1:] = np.cumsum(count)
+    owner = np.concatenate([np.repeat(np.arange(len(t.pointer) - 1), np.diff(t.pointer)) for t in tables])
+    order = np.argsort(owner, kind="stable")
+    return FactorBlocks(
+        pointer,
+        np.concatenate([t.variable for t in tables])[order],
+        np.concatenate([t.rank for t in tables])[order],
+        np.concatenate([t.own for t in tables])[order],
+        np.concatenate([t.cross for t in tables])[order],
+        np.concatenate([t.other for t in tables])[order],
+    )
+
+
+def observation_rows(
+    problem: PlanningProblem,
+    pose: FloatArray,
+    observations: Sequence[Observation],
+    variable_of: Callable[[Key], int],
+) -> list[tuple[int, FloatArray, FloatArray]]:
+    """Whitened rows of the observations from one state."""
+    rows = []
+    for seen in observations:
+        sensor = problem.sensors[seen.sensor]
+        landmark = problem.prior.point(seen.landmark)
+        rows.append((variable_of(seen.landmark), *sensor.linearise(pose, landmark, seen.covariance)))
+    return rows
+
+
+def joint_rows(
+    model: MultiRobotModel, state: State, other: State, other_first: bool
+) -> tuple[FloatArray, FloatArray] | None:
+    """Whitened rows (own, other) of the factor that joins two states, or None."""
+    first, second = (other, state) if other_first else (state, other)
+    if not model.joins(first, second):
+        return None
+    by_first, by_second = model.sensor.linearise_between(first.pose, second.pose)
+    return (by_second, by_first) if other_first else (by_first, by_second)
+
+
+def multi_robot_blocks(
+    problem: PlanningProblem,
+    states: Sequence[State],
+    poses: FloatArray,
+    others: Sequence[State],
+    other_poses: FloatArray,
+    variables: IntArray,
+    past: bool = False,
+) -> FactorBlocks:
+    """Blocks of all multi-robot factors between some states of one robot and states of others.
+
+    Args:
+        problem: Prior, team and models.
+        states: A states of one robot.
+        poses: Their poses, shape (A, 3) or (A, 4, 4).
+        others: B states of other robots.
+        other_poses: Their poses, shape (B, 3) or (B, 4, 4).
+        variables: Shape (B,), number of each other state for the table.
+        past: Whether the others are past states, which some models leave out.
+
+    Returns:
+        The table over the A states.
+    """
+    models = [m for m in problem.multi_robot if m.include_past or not past]
+    if not models or not len(states) or not len(others):
+        return no_blocks(len(states), problem.dim)
+    order = {robot: index for index, robot in enumerate(problem.robots)}
+    mine = order[states[0].robot]
+    first = np.array([order[other.robot] < mine for other in others])
+    return merge(
+        [
+            _planar_relative(model, model.sensor, poses, other_poses, variables, first)
+            if poses.ndim == 2 and _is_plain(model)
+            else _any_model(problem, model, states, others, variables, first)
+            for model in models
+        ]
+    )
+
+
+def _is_plain(model: MultiRobotModel) -> bool:
+    """Whether the compiled kernel knows the model: distance and relative pose."""
+    return isinstance(model.criterion, DistanceCriterion) and isinstance(
+        model.sensor, RelativePoseSensor
+    )
+
+
+def _planar_relative(
+    model: MultiRobotModel,
+    sensor: object,
+    poses: FloatArray,
+    other_poses: FloatArray,
+    variables: IntArray,
+    first: IntArray,
+) -> FactorBlocks:
+    """The default model, compiled."""
+    from fgplan.evaluation.incremental.factor_kernels import near_pairs, relative_pose_blocks
+
+    weight = sensor.whitening()  # type: ignore[attr-defined]
+    omega = weight.T @ weight
+    distance = model.criterion.distance_m  # type: ignore[attr-defined]
+    pointer, found = near_pairs(poses, other_poses, distance)
+    own, cross, other = relative_pose_blocks(
+        poses, other_poses, pointer, found, first.astype(np.int64), omega
+    )
+    return FactorBlocks(
+        pointer, variables[found], np.full(len(found), 3, np.int64), own, cross, other
+    )
+
+
+def _any_model(
+    problem: PlanningProblem,
+    model: MultiRobotModel,
+    states: Sequence[State],
+    others: Sequence[State],
+    variables: IntArray,
+    first: IntArray,
+) -> FactorBlocks:
+    """Any other criterion or sensor, pair by pair."""
+    per_state: list[list[tuple[int, FloatArray, FloatArray]]] = []
+    for state in states:
+        factors = []
+        for index, other in enumerate(others):
+            rows = joint_rows(model, state, other, bool(first[index]))
+            if rows is not None:
+                factors.append((int(variables[index]), *rows))
+        per_state.append(factors)
+    return stack_rows(per_state, problem.dim)

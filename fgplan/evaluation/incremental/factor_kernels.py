@@ -1,0 +1,119 @@
+"""Compiled: which planar states are near each other, and the blocks of their relative pose.
+
+For h = x1^-1 x2 with whitened rows A1 = -W Ad(h^-1), A2 = W and W'W = Omega the blocks are
+
+    A2'A2 = Omega,   A2'A1 = -Omega Ad,   A1'A1 = Ad' Omega Ad,   Ad = Ad(h^-1).
+"""
+
+import numpy as np
+from numba import njit
+
+from fgplan.typing import FloatArray, IntArray
+
+
+@njit(cache=True)
+def near_pairs(
+    own: FloatArray, other: FloatArray, distance_m: float
+) -> tuple[IntArray, IntArray]:
+    """Pairs of planar poses nearer than a distance, ordered by own state.
+
+    Args:
+        own: Shape (A, 3), world frame.
+        other: Shape (B, 3), world frame.
+        distance_m: Largest distance, metres.
+
+    Returns:
+        Row pointer of shape (A + 1,) and indices into ``other``, shape (M,).
+    """
+    pointer = np.zeros(own.shape[0] + 1, np.int64)
+    square = distance_m * distance_m
+    for a in range(own.shape[0]):
+        count = 0
+        for b in range(other.shape[0]):
+            x = own[a, 0] - other[b, 0]
+            y = own[a, 1] - other[b, 1]
+            if x * x + y * y < square:
+                count += 1
+        pointer[a + 1] = pointer[a] + count
+    found = np.empty(pointer[-1], np.int64)
+    m = 0
+    for a in range(own.shape[0]):
+        if pointer[a + 1] == pointer[a]:
+            continue
+        for b in range(other.shape[0]):
+            x = own[a, 0] - other[b, 0]
+            y = own[a, 1] - other[b, 1]
+            if x * x + y * y < square:
+                found[m] = b
+                m += 1
+    return pointer, found
+
+
+@njit(cache=True)
+def relative_pose_blocks(
+    own: FloatArray,
+    other: FloatArray,
+    pointer: IntArray,
+    found: IntArray,
+    other_first: IntArray,
+    omega: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Information blocks of relative-pose factors between planar poses.
+
+    Args:
+        own: Shape (A, 3), world frame.
+        other: Shape (B, 3), world frame.
+        pointer: Row pointer, shape (A + 1,).
+        found: Indices into ``other``, shape (M,).
+        other_first: Shape (B,); 1 where the other robot is the first of the factor.
+        omega: Information, shape (3, 3), tangent of the second pose.
+
+    Returns:
+        Blocks (own, own), (other, own) and (other, other), each of shape (M, 3, 3).
+    """
+    size = found.shape[0]
+    own_block = np.empty((size, 3, 3))
+    cross = np.empty((size, 3, 3))
+    other_block = np.empty((size, 3, 3))
+    adjoint = np.zeros((3, 3))
+    adjoint[2, 2] = 1.0
+    product = np.empty((3, 3))
+    for a in range(own.shape[0]):
+        for m in range(pointer[a], pointer[a + 1]):
+            b = found[m]
+            if other_first[b] == 1:
+                x1, y1, t1 = other[b, 0], other[b, 1], other[b, 2]
+                x2, y2, t2 = own[a, 0], own[a, 1], own[a, 2]
+            else:
+                x1, y1, t1 = own[a, 0], own[a, 1], own[a, 2]
+                x2, y2, t2 = other[b, 0], other[b, 1], other[b, 2]
+            cos2, sin2 = np.cos(t2), np.sin(t2)
+            px = cos2 * (x1 - x2) + sin2 * (y1 - y2)
+            py = -sin2 * (x1 - x2) + cos2 * (y1 - y2)
+            cos, sin = np.cos(t1 - t2), np.sin(t1 - t2)
+            adjoint[0, 0] = cos
+            adjoint[0, 1] = -sin
+            adjoint[0, 2] = py
+            adjoint[1, 0] = sin
+            adjoint[1, 1] = cos
+            adjoint[1, 2] = -px
+            for i in range(3):
+                for j in range(3):
+                    total = 0.0
+                    for k in range(3):
+                        total += omega[i, k] * adjoint[k, j]
+                    product[i, j] = total
+            for i in range(3):
+                for j in range(3):
+                    total = 0.0
+                    for k in range(3):
+                        total += adjoint[k, i] * product[k, j]
+                    if other_first[b] == 1:
+                        own_block[m, i, j] = omega[i, j]
+                        cross[m, i, j] = -product[j, i]
+                        other_block[m, i, j] = total
+                    else:
+                        own_block[m, i, j] = total
+                        cross[m, i, j] = -product[i, j]
+                        other_block[m, i, j] = omega[i, j]
+    return own_block, cross, other_block

@@ -1,0 +1,107 @@
+"""What planning needs of the past: the joint marginal of a few variables, kept as information.
+
+Everything that no path touches is eliminated once a prior by QR; what QR leaves on the kept
+variables, R with R'R = information, is never inverted, so a loose prior beside tight odometry
+loses nothing. The variables worth keeping (current poses, landmarks, past poses that may be met)
+are left by one elimination of the whole history; those touched by a path so far are left by a
+small QR of that.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fgplan.evaluation.objective import PriorVariables, UncertaintyTerm
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.typing import FloatArray, IntArray, Key
+
+KEPT_SCALARS = 1500
+"""Most scalars that the one elimination of the history leaves."""
+
+
+@dataclass(frozen=True, slots=True)
+class PriorMarginal:
+    """Joint marginal of some variables of the prior.
+
+    Attributes:
+        keys: The variables; the current poses of all robots come first, in team order.
+        dims: Shape (n,), tangent dimension of each.
+        offsets: Shape (n,), first scalar of each.
+        rows: R, shape (s, s), upper triangular: R'R is the information.
+        groups: Shape (n,), number of the connected component of each variable.
+    """
+
+    keys: tuple[Key, ...]
+    dims: IntArray
+    offsets: IntArray
+    rows: FloatArray
+    groups: IntArray
+
+
+def eliminate_history(problem: PlanningProblem, touched: Iterable[Key]) -> PriorMarginal:
+    """Leave everything that planning may touch: the one elimination of the whole history.
+
+    Args:
+        problem: Holds the prior.
+        touched: Keys that are needed in any case.
+
+    Returns:
+        Current poses, keys of the objective and ``touched``; all landmarks and all past poses
+        that may be met as well, unless they are too many.
+    """
+    prior = problem.prior
+    needed = needed_keys(problem, touched)
+    wide = dict.fromkeys(needed)
+    wide.update(dict.fromkeys(key for key in prior.keys if prior.kinds[key].startswith("Point")))
+    wide.update(dict.fromkeys(past.key for past in problem.past_states))
+    keys = tuple(wide)
+    if sum(prior.dim(key) for key in keys) > KEPT_SCALARS:
+        keys = needed
+    return _marginal(keys, [prior.dim(key) for key in keys], prior.square_root_information(keys))
+
+
+def needed_keys(problem: PlanningProblem, touched: Iterable[Key]) -> tuple[Key, ...]:
+    """Current poses, variables of the objective and touched ones, in fixed order."""
+    keys = dict.fromkeys(problem.start_keys.values())
+    for term in problem.objective.terms:
+        if isinstance(term, UncertaintyTerm) and isinstance(term.of, PriorVariables):
+            keys.update(dict.fromkeys(term.of.keys))
+    keys.update(dict.fromkeys(touched))
+    return tuple(keys)
+
+
+def restrict(wide: PriorMarginal, keys: Sequence[Key]) -> PriorMarginal:
+    """Marginal of some of the variables, by QR with the others first.
+
+    Args:
+        wide: Marginal that holds all of ``keys``.
+        keys: Variables wanted, in order.
+
+    Returns:
+        Their joint marginal.
+    """
+    if tuple(keys) == wide.keys:
+        return wide
+    place = {key: index for index, key in enumerate(wide.keys)}
+    kept = [place[key] for key in keys]
+    dropped = [index for index in range(len(wide.keys)) if index not in set(kept)]
+    columns = np.concatenate(
+        [np.arange(wide.dims[i]) + wide.offsets[i] for i in [*dropped, *kept]], dtype=np.int64
+    )
+    size = int(wide.dims[kept].sum())
+    triangle = np.linalg.qr(wide.rows[:, columns], mode="r")
+    return _marginal(tuple(keys), wide.dims[kept], triangle[-size:, -size:])
+
+
+def _marginal(keys: tuple[Key, ...], dims: Sequence[int] | IntArray, rows: FloatArray) -> PriorMarginal:
+    """Find the connected components: variables that share a row of R."""
+    widths = np.asarray(dims, np.int64)
+    offsets = np.cumsum(widths) - widths
+    owner = np.repeat(np.arange(len(keys)), widths)
+    groups = np.arange(len(keys))
+    for row in rows:
+        members = np.unique(groups[owner[np.flatnonzero(row)]])
+        if len(members) > 1:
+            groups[np.isin(groups, members)] = members[0]
+    return PriorMarginal(keys, widths, offsets, np.ascontiguousarray(rows), groups)

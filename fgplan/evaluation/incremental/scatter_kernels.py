@@ -1,0 +1,28 @@
+"""Compiled: information blocks added into one matrix."""
+
+from numba import njit
+
+
+@njit(cache=True)
+def scatter(information, row_variable, column_variable, needed, blocks, column, width):
+    """Add blocks to the lower and upper triangle of an information matrix.
+
+    Args:
+        information: Shape (s, s), in and out.
+        row_variable: Shape (B,), variable of each block's rows.
+        column_variable: Shape (B,), variable of its columns; the same for a diagonal block.
+        needed: Shape (B,), a third variable of the factor; the block is left out with it.
+        blocks: Shape (B, d, d), rows and columns beyond a variable's dimension are not read.
+        column: Shape (V,), first scalar of each variable, or -1 where it is left out.
+        width: Shape (V,), dimension of each variable.
+    """
+    for b in range(blocks.shape[0]):
+        r, c = column[row_variable[b]], column[column_variable[b]]
+        if r < 0 or c < 0 or column[needed[b]] < 0:
+            continue
+        for i in range(width[row_variable[b]]):
+            for j in range(width[column_variable[b]]):
+                value = blocks[b, i, j]
+                information[r + i, c + j] += value
+                if r != c:
+                    information[c + j, r + i] += value

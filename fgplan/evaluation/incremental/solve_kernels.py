@@ -1,0 +1,164 @@
+"""Compiled: covariances after following a candidate path, from its message and others' belief.
+
+S is the joint covariance of everything outside the path under everybody else's belief. The
+measurements e = C'x_v + T x_k + noise(N) of the message (see ``message_kernels``) and the variables
+that are read have one joint covariance
+
+    J = [ K  Y' ]   K = N + C'S_vv C + C'S_vk T' + T S_kv C + T S_kk T'
+        [ Y  Q  ]   own pose s:   Y = Theta_s (S_kv C + S_kk T') + G_s,  Q = E_ss + Theta_s S_kk Theta_s'
+                    variable g:   Y = S_gv C + S_gk T',                  Q = S_gg,  S_gk Theta_s'
+
+and J = L L' gives the covariance of what is read, given e, as L_Q L_Q': no inverse, no difference.
+K >= I, so a pivot says how many digits were lost on the way: if a diagonal entry was summed from
+terms more than 1e6 times the pivot, the candidate is flagged and evaluated by QR.
+"""
+
+import numpy as np
+from numba import njit
+
+from fgplan.evaluation.incremental.cholesky_kernels import cholesky
+
+LOSS_LIMIT = 1e6
+"""Largest ratio of the terms of a diagonal entry to its pivot."""
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def posterior_covariances(
+    candidates, covariance, start, read_columns, read_rows, column, width,
+    slot_pointer, noise_pointer, row_pointer, slot_variable, slot_row, slot_rank, slot_c, noise,
+    response, read_noise, read_response, read_covariance, row_count, sound, out,
+):  # fmt: skip
+    """Covariance of what is read, for some candidates.
+
+    Args:
+        candidates: Shape (n,), places of the messages to use.
+        covariance: S, shape (U, U).
+        start: Column of x_k in S.
+        read_columns: Shape (g,), scalar columns of S that are read after the own poses.
+        read_rows: Number of scalar rows of own poses, p d.
+        column: Shape (V,), column of each variable in S.
+        width: Shape (V,), tangent dimension of each variable.
+        slot_pointer: And all that follows up to ``row_count``: the messages.
+        sound: In and out: shape (messages,), set to 0 where digits were lost.
+        out: Out: shape (n, p d + g, p d + g).
+    """
+    d = response.shape[1]
+    own = read_rows
+    extra = read_columns.shape[0]
+    read = own + extra
+    largest = 0
+    for n in range(candidates.shape[0]):
+        largest = max(largest, row_count[candidates[n]])
+    joint = np.empty((largest + read, largest + read))
+    start_c = np.empty((d, largest + 1))
+    other_c = np.empty((extra + 1, largest + 1))
+    start_t = np.empty((d, largest + 1))
+    terms = np.empty(largest + read)
+    half = np.empty((d, d))
+    for n in range(candidates.shape[0]):
+        m = candidates[n]
+        if sound[m] == 0:
+            continue
+        z = row_count[m]
+        base = row_pointer[m]
+        offset = noise_pointer[m]
+        for slot in range(slot_pointer[m], slot_pointer[m + 1]):
+            v = slot_variable[slot]
+            col, size, first, rank = column[v], width[v], slot_row[slot], slot_rank[slot]
+            c_a = slot_c[slot]
+            for r in range(rank):
+                for i in range(d):
+                    total = 0.0
+                    for k in range(size):
+                        total += covariance[start + i, col + k] * c_a[k, r]
+                    start_c[i, first + r] = total
+                for g in range(extra):
+                    row = covariance[read_columns[g]]
+                    total = 0.0
+                    for k in range(size):
+                        total += row[col + k] * c_a[k, r]
+                    other_c[g, first + r] = total
+            for second in range(slot_pointer[m], slot + 1):
+                v2 = slot_variable[second]
+                col2, size2 = column[v2], width[v2]
+                first2, rank2 = slot_row[second], slot_rank[second]
+                c_b = slot_c[second]
+                for r in range(rank):
+                    for k2 in range(size2):
+                        total = 0.0
+                        for k in range(size):
+                            total += c_a[k, r] * covariance[col + k, col2 + k2]
+                        half[r, k2] = total
+                for r in range(rank):
+                    for r2 in range(rank2):
+                        if first2 + r2 > first + r:
+                            continue
+                        total = 0.0
+                        for k2 in range(size2):
+                            total += half[r, k2] * c_b[k2, r2]
+                        joint[first + r, first2 + r2] = total
+        for a in range(z):
+            for i in range(d):
+                total = 0.0
+                for k in range(d):
+                    total += covariance[start + i, start + k] * response[base + a, k]
+                start_t[i, a] = total
+        for a in range(z):
+            row = joint[a]
+            spread = noise[offset + a * z + a] + row[a]
+            for i in range(d):
+                spread += response[base + a, i] * start_t[i, a]
+            terms[a] = spread
+            for b in range(a + 1):
+                total = row[b] + noise[offset + a * z + b]
+                for i in range(d):
+                    total += response[base + a, i] * (start_c[i, b] + start_t[i, b])
+                    total += start_c[i, a] * response[base + b, i]
+                row[b] = total
+        for s in range(own):
+            row = joint[z + s]
+            for a in range(z):
+                total = read_noise[base + a, s]
+                for i in range(d):
+                    total += read_response[m, s, i] * (start_c[i, a] + start_t[i, a])
+                row[a] = total
+            for s2 in range(s + 1):
+                total = read_covariance[m, s, s2]
+                for i in range(d):
+                    for k in range(d):
+                        total += (
+                            read_response[m, s, i]
+                            * covariance[start + i, start + k]
+                            * read_response[m, s2, k]
+                        )
+                row[z + s2] = total
+            terms[z + s] = row[z + s]
+        for g in range(extra):
+            row = joint[z + own + g]
+            from_s = covariance[read_columns[g]]
+            for a in range(z):
+                total = other_c[g, a]
+                for i in range(d):
+                    total += from_s[start + i] * response[base + a, i]
+                row[a] = total
+            for s in range(own):
+                total = 0.0
+                for i in range(d):
+                    total += from_s[start + i] * read_response[m, s, i]
+                row[z + s] = total
+            for g2 in range(g + 1):
+                row[z + own + g2] = from_s[read_columns[g2]]
+            terms[z + own + g] = row[z + own + g]
+        if not cholesky(joint, z + read):
+            sound[m] = 0
+            continue
+        for a in range(z + read):
+            if terms[a] > LOSS_LIMIT * joint[a, a] * joint[a, a]:
+                sound[m] = 0
+        for a in range(read):
+            for b in range(a + 1):
+                total = 0.0
+                for k in range(b + 1):
+                    total += joint[z + a, z + k] * joint[z + b, z + k]
+                out[n, a, b] = total
+                out[n, b, a] = total

@@ -1,0 +1,287 @@
+"""One announcement's worth of preparation: others' belief, factors, and what the change touched.
+
+Order of work in a turn: blocks of the paths that changed; S; factors of the own states with
+announced poses; the difference to the last turn. Everything after that is a candidate at a time.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fgplan.errors import InvalidInputError
+from fgplan.evaluation.incremental.factor_blocks import (
+    FactorBlocks,
+    merge,
+    multi_robot_blocks,
+    no_blocks,
+)
+from fgplan.evaluation.incremental.impact import (
+    Components,
+    FactorChange,
+    factor_change,
+    same_path,
+    touched_candidates,
+)
+from fgplan.evaluation.incremental.memory import Memory
+from fgplan.evaluation.incremental.prior_marginal import eliminate_history, restrict
+from fgplan.evaluation.incremental.universe import (
+    Numbering,
+    Universe,
+    build_universe,
+    fixed_blocks,
+    pair_blocks,
+    path_blocks,
+)
+from fgplan.evaluation.incremental.whitened_rows import universe_rows
+from fgplan.evaluation.objective import PosesOf, Trajectory, UncertaintyTerm
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.paths.multi_robot import DistanceCriterion
+from fgplan.paths.state import State
+from fgplan.typing import FloatArray, IntArray, Key
+
+
+@dataclass(slots=True)
+class Turn:
+    """What one evaluation works with; lives as long as the evaluation.
+
+    Attributes:
+        memory: Memory with the new announcements and their pieces; terms and pools are the old.
+        changed: Robots whose announced path changed since the last evaluation.
+        change: Difference of the factors with announced poses.
+        impacted: Shape (N,), candidates whose own belief may have changed.
+        dirty: Shape (N,), candidates whose message changed.
+        changed_robots: Robots whose own uncertainty may have changed without the candidate.
+        universes: Others' belief by cut; None is the whole.
+        rows: Whitened rows of others' belief by cut, made only where QR is needed.
+    """
+
+    memory: Memory
+    changed: tuple[str, ...]
+    change: FactorChange
+    impacted: IntArray
+    dirty: IntArray
+    changed_robots: frozenset[str]
+    universes: dict[int | None, Universe] = field(default_factory=dict)
+    rows: dict[int | None, FloatArray] = field(default_factory=dict)
+
+    def universe(self, cut: int | None) -> Universe:
+        """Others' belief at a cut, built once a turn."""
+        if cut not in self.universes:
+            memory = self.memory
+            pieces = [piece for _, piece in memory.own_pieces.values()]
+            pieces += [piece for *_, piece in memory.pair_pieces.values()]
+            self.universes[cut] = build_universe(
+                memory.problem, memory.numbering, memory.prior, memory.announced, pieces, cut
+            )
+        return self.universes[cut]
+
+    def universe_rows(self, cut: int | None) -> FloatArray:
+        """Whitened rows of others' belief at a cut, for the reference form."""
+        if cut not in self.rows:
+            memory, universe = self.memory, self.universe(cut)
+            self.rows[cut] = universe_rows(
+                memory.problem,
+                memory.numbering,
+                memory.prior,
+                memory.announced,
+                universe.column,
+                len(universe.covariance),
+            )
+        return self.rows[cut]
+
+
+def touched_keys(
+    problem: PlanningProblem, states: tuple[State, ...], poses: FloatArray, landmarks: list[Key]
+) -> list[Key]:
+    """Prior variables that some states would touch: landmarks, and past poses they meet."""
+    past = [p for p in problem.past_states if p.state.robot != states[0].robot]
+    if not past:
+        return landmarks
+    met = multi_robot_blocks(
+        problem,
+        states,
+        poses,
+        [p.state for p in past],
+        np.ascontiguousarray([p.state.pose for p in past]),
+        np.arange(len(past)),
+        past=True,
+    )
+    return landmarks + [past[index].key for index in np.unique(met.variable).tolist()]
+
+
+def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
+    """Take in the others' announced paths.
+
+    Args:
+        memory: Memory of the last evaluation.
+        announced: Announced paths by robot; the robot's own is not read.
+
+    Returns:
+        The turn, with new memory.
+    """
+    problem = memory.problem
+    new = {r: announced[r] for r in problem.robots if r != memory.robot and r in announced}
+    for robot in announced:
+        if robot not in problem.start_keys:
+            known = ", ".join(problem.robots)
+            raise InvalidInputError(f"announced path of {robot!r}: expected one of {known}")
+    old = memory.announced
+    changed = tuple(
+        r for r in problem.robots if r != memory.robot and not same_path(old.get(r), new.get(r))
+    )
+    new = {r: path if r in changed else old[r] for r, path in new.items()}
+    for robot in changed:
+        if robot in new:
+            problem.check_path(new[robot])
+    grown = _grow(memory, new, changed)
+    own = {r: grown.own_pieces[r] for r in new if r in grown.own_pieces and r not in changed}
+    for robot in new:
+        if robot not in own:
+            own[robot] = (new[robot], path_blocks(problem, grown.numbering, new[robot]))
+    pairs = {}
+    names = [r for r in problem.robots if r in new]
+    for index, first in enumerate(names):
+        for second in names[index + 1 :]:
+            known = grown.pair_pieces.get((first, second))
+            if known is None or known[0] is not new[first] or known[1] is not new[second]:
+                blocks = pair_blocks(problem, grown.numbering, new[first], new[second])
+                known = (new[first], new[second], blocks)
+            pairs[first, second] = known
+    moving = _moving(grown, new)
+    change = factor_change(grown.numbering, old, new, grown.moving, moving, changed)
+    after = replace(grown, announced=new, own_pieces=own, pair_pieces=pairs, moving=moving)
+    impacted, changed_robots = _impact(grown, after, changed)
+    dirty = touched_candidates(memory.table.states, change.dirty)
+    return Turn(after, changed, change, impacted, dirty, changed_robots)
+
+
+def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, ...]) -> Memory:
+    """Number variables that were not touched before; longer paths renumber everything."""
+    problem, numbering = memory.problem, memory.numbering
+    keys = dict.fromkeys(numbering.prior_keys)
+    for robot in changed:
+        if robot in new:
+            path = new[robot]
+            landmarks = [o.landmark for o in path.observations]
+            states, poses = path.states(), np.ascontiguousarray(path.poses[1:])
+            keys.update(dict.fromkeys(touched_keys(problem, states, poses, landmarks)))
+    longest = max((path.steps for path in new.values()), default=0)
+    if len(keys) == len(numbering.prior_keys) and longest <= numbering.capacity:
+        return memory
+    wide = memory.wide
+    if not set(keys) <= set(wide.keys):
+        wide = eliminate_history(problem, keys)
+    capacity = numbering.capacity
+    while capacity < longest:
+        capacity *= 2
+    fresh = Numbering(numbering.robots, capacity, tuple(keys))
+    table = memory.table
+    grown = replace(
+        memory,
+        wide=wide,
+        numbering=fresh,
+        prior=restrict(wide, fresh.prior_keys),
+        fixed=fixed_blocks(problem, fresh, table.distinct, table.poses, list(table.observations)),
+        own_pieces={},
+        pair_pieces={},
+    )
+    if capacity == numbering.capacity:
+        return grown
+    moving = _moving(grown, memory.announced)
+    return replace(grown, moving=moving, pools=())
+
+
+def _moving(memory: Memory, announced: Mapping[str, CandidatePath]) -> FactorBlocks:
+    """Factors of the distinct own states with all announced poses."""
+    problem, table = memory.problem, memory.table
+    if not announced or not problem.multi_robot:
+        return no_blocks(len(table.distinct), problem.dim)
+    plain = all(isinstance(m.criterion, DistanceCriterion) for m in problem.multi_robot)
+    groups = [list(announced.values())] if plain else [[path] for path in announced.values()]
+    tables = []
+    for paths in groups:
+        numbers = [
+            memory.numbering.pose(path.robot, 1) + np.arange(path.steps) for path in paths
+        ]
+        tables.append(
+            multi_robot_blocks(
+                problem,
+                table.distinct,
+                table.poses,
+                [state for path in paths for state in path.states()],
+                np.ascontiguousarray(np.concatenate([path.poses[1:] for path in paths])),
+                np.concatenate(numbers),
+            )
+        )
+    return merge(tables)
+
+
+def _impact(
+    before: Memory, after: Memory, changed: tuple[str, ...]
+) -> tuple[IntArray, frozenset[str]]:
+    """Impacted candidates, and robots whose own uncertainty may have changed."""
+    size = len(before.table.paths)
+    if before.terms is None:
+        return np.ones(size, bool), frozenset(after.numbering.robots)
+    if not changed:
+        return np.zeros(size, bool), frozenset()
+    parts = Components(after.numbering, after.prior)
+    base = len(after.numbering.robots) * after.numbering.capacity
+    for robot in after.numbering.robots:
+        if robot in before.announced or robot in after.announced:
+            start = np.array([after.numbering.prior(after.problem.start_keys[robot])])
+            parts.add_factors(robot, start)
+    for memory in (before, after):
+        for robot, (_, piece) in memory.own_pieces.items():
+            parts.add_factors(robot, piece.column[piece.column >= base])
+        for (first, second), (*_, piece) in memory.pair_pieces.items():
+            if len(piece.row):
+                parts.join(parts.robot(first), parts.robot(second))
+    labels = parts.labels()
+    touched = {int(labels[parts.robot(robot)]) for robot in changed}
+    inside = np.array([label in touched for label in labels.tolist()])
+    robots = frozenset(
+        robot
+        for robot in after.numbering.robots
+        if inside[parts.robot(robot)] or inside[_start_node(parts, after, robot)]
+    )
+    if inside[_start_node(parts, after, after.robot)]:
+        return np.ones(size, bool), robots
+    flags = np.zeros(len(after.table.distinct), bool)
+    for blocks in (before.moving, after.moving, after.fixed):
+        owner = np.repeat(np.arange(len(flags)), np.diff(blocks.pointer))
+        flags[owner[inside[parts.nodes(blocks.variable)]]] = True
+    return touched_candidates(after.table.states, flags), robots
+
+
+def _start_node(parts: Components, memory: Memory, robot: str) -> int:
+    """Node of a robot's current pose."""
+    number = memory.numbering.prior(memory.problem.start_keys[robot])
+    return int(parts.nodes(np.array([number]))[0])
+
+
+def reads_only_the_end(problem: PlanningProblem, robot: str) -> bool:
+    """Whether one batch serves all candidates: all terms read the end, none a whole own path."""
+    return all(
+        term.read == "end" and not (isinstance(term.of, Trajectory) and term.of.robot == robot)
+        for term in problem.objective.terms
+        if isinstance(term, UncertaintyTerm)
+    )
+
+
+def separable(problem: PlanningProblem) -> bool:
+    """Whether every uncertainty term is of one robot's own poses, read at its own time."""
+    for term in problem.objective.terms:
+        if not isinstance(term, UncertaintyTerm):
+            continue
+        if isinstance(term.of, PosesOf) and len(term.of.robots) == 1:
+            robot = term.of.robots[0]
+        elif isinstance(term.of, Trajectory):
+            robot = term.of.robot
+        else:
+            return False
+        if term.arrival_of not in (None, robot):
+            return False
+    return True

@@ -1,0 +1,228 @@
+"""Everybody else's belief: S, the joint covariance of all that is outside a robot's candidates.
+
+The universe of robot r holds the touched variables of the prior and every announced pose of the
+others, with the prior, the others' motion and observation factors, and the multi-robot factors
+among them. Its information is a sum of blocks, built anew from the factors each time (nothing is
+ever subtracted), and S is its inverse by Cholesky. One S serves all candidates. Where a pivot has
+cancelled - a loose prior beside tight odometry - S comes from a QR of the whitened rows instead.
+
+Variables have fixed numbers, so that messages survive an announcement: pose s of robot q is
+q * capacity + s - 1, and prior variables follow.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack, solve_triangular
+
+from fgplan.evaluation.incremental.candidate_table import motion_blocks
+from fgplan.evaluation.incremental.factor_blocks import (
+    FactorBlocks,
+    multi_robot_blocks,
+    observation_rows,
+    stack_rows,
+)
+from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
+from fgplan.evaluation.incremental.whitened_rows import universe_rows
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.typing import Covariance, FloatArray, IntArray, Key
+
+CANCELLATION_LIMIT = 1e-6
+"""A squared pivot below this share of its diagonal entry has lost too many digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Numbering:
+    """Numbers of variables.
+
+    Attributes:
+        robots: Names in team order.
+        capacity: Most steps of an announced path.
+        prior_keys: Touched variables of the prior, in order; new ones are appended.
+    """
+
+    robots: tuple[str, ...]
+    capacity: int
+    prior_keys: tuple[Key, ...]
+
+    def pose(self, robot: str, step: int) -> int:
+        """Number of an announced pose, step 1 and up."""
+        return self.robots.index(robot) * self.capacity + step - 1
+
+    def prior(self, key: Key) -> int:
+        """Number of a prior variable."""
+        return len(self.robots) * self.capacity + self.prior_keys.index(key)
+
+
+@dataclass(frozen=True, slots=True)
+class InformationBlocks:
+    """Blocks of an information matrix by variable numbers, see ``scatter``."""
+
+    row: IntArray
+    column: IntArray
+    needed: IntArray
+    blocks: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Universe:
+    """Others' belief at one cut.
+
+    Attributes:
+        column: Shape (V,), first scalar of each variable in S, -1 where it is not in.
+        width: Shape (V,), dimension of each variable.
+        covariance: S, shape (s, s).
+        by_qr: Whether Cholesky had lost digits and S comes from a QR.
+    """
+
+    column: IntArray
+    width: IntArray
+    covariance: Covariance
+    by_qr: bool
+
+
+def path_blocks(
+    problem: PlanningProblem, numbering: Numbering, path: CandidatePath
+) -> InformationBlocks:
+    """Blocks of an announced path's own factors: motion, landmarks, past poses of others."""
+    late, cross, early = motion_blocks(path)
+    steps = path.steps
+    number = numbering.pose(path.robot, 1) + np.arange(steps)
+    before = number - 1
+    before[0] = numbering.prior(problem.start_keys[path.robot])
+    fixed = fixed_blocks(
+        problem,
+        numbering,
+        path.states(),
+        path.poses[1:],
+        [[o for o in path.observations if o.step == step] for step in range(1, steps + 1)],
+    )
+    row, column, needed, blocks = _of_factors(fixed, number)
+    return InformationBlocks(
+        np.concatenate([number, number, before, row]),
+        np.concatenate([number, before, before, column]),
+        np.concatenate([number, number, number, needed]),
+        np.concatenate([late, cross, early, blocks]),
+    )
+
+
+def fixed_blocks(
+    problem: PlanningProblem,
+    numbering: Numbering,
+    states: tuple,
+    poses: FloatArray,
+    observations: list,
+) -> FactorBlocks:
+    """Factors of some states that do not depend on announcements: landmarks and past poses."""
+    from fgplan.evaluation.incremental.factor_blocks import merge
+
+    landmarks = stack_rows(
+        [
+            observation_rows(problem, state.pose, seen, numbering.prior)
+            for state, seen in zip(states, observations, strict=True)
+        ],
+        problem.dim,
+    )
+    past = [p for p in problem.past_states if p.state.robot != states[0].robot]
+    past = [p for p in past if p.key in numbering.prior_keys]
+    if not past:
+        return landmarks
+    variables = np.array([numbering.prior(p.key) for p in past], np.int64)
+    met = multi_robot_blocks(
+        problem,
+        states,
+        poses,
+        [p.state for p in past],
+        np.ascontiguousarray([p.state.pose for p in past]),
+        variables,
+        past=True,
+    )
+    return merge([landmarks, met])
+
+
+def pair_blocks(
+    problem: PlanningProblem, numbering: Numbering, first: CandidatePath, second: CandidatePath
+) -> InformationBlocks:
+    """Blocks of the multi-robot factors between two announced paths."""
+    others = numbering.pose(second.robot, 1) + np.arange(second.steps)
+    factors = multi_robot_blocks(
+        problem,
+        first.states(),
+        np.ascontiguousarray(first.poses[1:]),
+        second.states(),
+        np.ascontiguousarray(second.poses[1:]),
+        others,
+    )
+    number = numbering.pose(first.robot, 1) + np.arange(first.steps)
+    return InformationBlocks(*_of_factors(factors, number))
+
+
+def _of_factors(
+    factors: FactorBlocks, number: IntArray
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Blocks of a table as (row, column, needed, block)."""
+    own = np.repeat(number, np.diff(factors.pointer))
+    return (
+        np.concatenate([own, factors.variable, factors.variable]),
+        np.concatenate([own, factors.variable, own]),
+        np.concatenate([factors.variable, own, own]),
+        np.concatenate([factors.own, factors.other, factors.cross]),
+    )
+
+
+def build_universe(
+    problem: PlanningProblem,
+    numbering: Numbering,
+    prior: PriorMarginal,
+    announced: Mapping[str, CandidatePath],
+    pieces: list[InformationBlocks],
+    cut: int | None,
+) -> Universe:
+    """Joint covariance of the prior variables and the others' announced poses.
+
+    Args:
+        problem: Team and models.
+        numbering: Numbers of variables.
+        prior: Marginal of ``numbering.prior_keys``.
+        announced: The others' paths.
+        pieces: Blocks of all their factors, from ``path_blocks`` and ``pair_blocks``.
+        cut: Look-ahead step beyond which states and their factors are left out; None for none.
+
+    Returns:
+        The universe at that cut.
+    """
+    from fgplan.evaluation.incremental.scatter_kernels import scatter
+
+    dim = problem.dim
+    base = len(numbering.robots) * numbering.capacity
+    column = np.full(base + len(prior.keys), -1, np.int64)
+    width = np.full(len(column), dim, np.int64)
+    width[base:] = prior.dims
+    column[base:] = prior.offsets
+    size = len(prior.rows)
+    for robot, path in announced.items():
+        steps = path.steps if cut is None else min(path.steps, cut)
+        first = numbering.pose(robot, 1)
+        column[first : first + steps] = size + dim * np.arange(steps)
+        size += dim * steps
+    information = np.zeros((size, size))
+    known = len(prior.rows)
+    information[:known, :known] = prior.rows.T @ prior.rows
+    for piece in pieces:
+        scatter(information, piece.row, piece.column, piece.needed, piece.blocks, column, width)
+    factor, failed = lapack.dpotrf(information, lower=True)
+    by_qr = bool(failed)
+    if not by_qr:
+        share = np.diag(factor) ** 2 / np.diag(information)
+        by_qr = bool(share.min() < CANCELLATION_LIMIT)
+    if by_qr:
+        rows = universe_rows(problem, numbering, prior, announced, column, size)
+        triangle = np.linalg.qr(rows, mode="r")
+        half = solve_triangular(triangle, np.eye(size))
+        return Universe(column, width, np.ascontiguousarray(half @ half.T), True)
+    inverse, _ = lapack.dpotri(factor, lower=True)
+    lower = np.tril(inverse)
+    covariance = lower + np.tril(inverse, -1).T
+    return Universe(column, width, np.ascontiguousarray(covariance), False)
