@@ -15,8 +15,6 @@ from typing import NoReturn
 
 from fgplan.cli.command_registry import REGISTRY
 
-COMMON_ARGUMENTS = ("verb", "name", "out", "json", "seeds", "quick", "check")
-
 
 class _OneLineParser(argparse.ArgumentParser):
     """Says what is wrong in one line, without the usage."""

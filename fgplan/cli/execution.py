@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fgplan.cli.command_line import COMMON_ARGUMENTS
 from fgplan.cli.command_registry import REGISTRY
 from fgplan.cli.progress import TerminalProgress
 from fgplan.errors import FgplanError, InvalidInputError, NoCandidatePathError
@@ -21,6 +20,8 @@ from roadmaps import NoCandidatePathError as NoRoadmapPathError
 from roadmaps import RoadmapError, UnreachableError
 
 DONE, NOT_MET, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+_SHARED = ("verb", "name", "out", "json", "seeds", "quick", "check")
 
 
 def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
@@ -70,7 +71,7 @@ def _execute_work(
         out=folder,
         seeds=arguments.seeds,
         quick=arguments.quick,
-        arguments={k: v for k, v in vars(arguments).items() if k not in COMMON_ARGUMENTS},
+        arguments={k: v for k, v in vars(arguments).items() if k not in _SHARED},
         progress=progress,
         record=record,
     )

@@ -16,15 +16,20 @@ from fgplan.beliefs.belief import Belief
 from fgplan.checks import check_covariance
 from fgplan.evaluation.problem import PastState
 from fgplan.factors.keys import describe_key
+from fgplan.io.g2o import read_g2o
 from fgplan.io.key_name import read_key
 from fgplan.io.place import Place
 from fgplan.io.pose_numbers import gtsam_pose
-from fgplan.io.scenario import G2oPrior, PythonPrior, RobotTable, Scenario
+from fgplan.io.scenario import G2oPrior, PythonPrior, Scenario
 from fgplan.io.scenario_file import landmark_name
 from fgplan.io.sensor_table import make_covariance
 from fgplan.io.user_object import load_object
 from fgplan.paths.state import State
 from fgplan.typing import Key
+
+
+GAUGE_SIGMA = 1e-3
+"""Standard deviation of a held pose where the scenario gives none: 1 mm and 1 mrad."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,9 +71,7 @@ def make_prior(scenario: Scenario, place: Place) -> Prior:
         graph, values, start_keys, past = _from_function(scenario.prior, where)
     else:
         graph, values, start_keys = _from_starts(scenario, place)
-    if not isinstance(scenario.prior, G2oPrior | PythonPrior):
-        pass
-    else:
+    if isinstance(scenario.prior, G2oPrior | PythonPrior):
         _check_starts(scenario, start_keys, place)
     landmark_keys = _add_landmarks(scenario, graph, values, place)
     with where.checking():
@@ -106,7 +109,41 @@ def _from_g2o(
     table: G2oPrior, place: Place
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[str, Key]]:
     """Pose graphs of the team's past, held where a FIX line or the scenario says."""
-    raise place.error("g2o not yet")
+    where = place.at("files")
+    paths = [where.path_of(name) for name in table.files]
+    with where.checking():
+        read = read_g2o(paths, table.landmark_character)
+    held = read.fixed
+    if table.gauge.key is not None:
+        held = (read_key(table.gauge.key, place.at("gauge.key")),)
+    if not held:
+        raise place.at("gauge").error(
+            "expected a pose to hold, got neither a FIX line in the files nor gauge; add gauge = "
+            "{ key = ... } with the key of the first pose"
+        )
+    for key in held:
+        pose = _pose_in(read.values, key, place.at("gauge.key"))
+        size = 3 if isinstance(pose, gtsam.Pose2) else 6
+        sigmas = np.array(table.gauge.sigmas or (GAUGE_SIGMA,) * size)
+        if sigmas.size != size:
+            raise place.at("gauge.sigmas").error(f"expected {size} numbers, got {sigmas.size}")
+        _add_prior(read.graph, key, pose, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
+    keys = {}
+    for robot, name in table.start_keys.items():
+        key_place = place.at(f"start_keys.{robot}")
+        keys[robot] = read_key(name, key_place)
+        _pose_in(read.values, keys[robot], key_place)
+    return read.graph, read.values, keys
+
+
+def _pose_in(values: gtsam.Values, key: Key, place: Place) -> gtsam.Pose2 | gtsam.Pose3:
+    """The pose at a key, or the scenario's error."""
+    for read in (values.atPose2, values.atPose3):
+        try:
+            return read(key)
+        except RuntimeError:  # GTSAM's only way to say "absent" or "another type"
+            continue
+    raise place.error(f"expected the key of a pose in the files, got {describe_key(key)}")
 
 
 def _from_function(

@@ -27,7 +27,7 @@ class Table(Struct, forbid_unknown_fields=True, frozen=True):
     """One table of a scenario; unknown fields are refused by name."""
 
 
-class WorldTable(Table):
+class WorldTable(Table, frozen=True):
     """``[world]``: bounds or a map file, polygons on top of either.
 
     Attributes:
@@ -47,7 +47,7 @@ class WorldTable(Table):
     unknown: Literal["free", "occupied"] = "occupied"
 
 
-class MotionTable(Table):
+class MotionTable(Table, frozen=True):
     """``robots.motion``: noise of a motion step and speed.
 
     Attributes:
@@ -63,7 +63,7 @@ class MotionTable(Table):
     speed_m_per_s: Positive = 1.0
 
 
-class RobotTable(Table):
+class RobotTable(Table, frozen=True):
     """``[[robots]]``.
 
     Attributes:
@@ -87,7 +87,7 @@ class RobotTable(Table):
     sensors: tuple[Name, ...] = ()
 
 
-class TargetTable(Table):
+class TargetTable(Table, frozen=True):
     """``[[targets]]``: hidden state x(t + 1) = A x(t) + w(t), w ~ N(d, Q).
 
     Attributes:
@@ -109,7 +109,7 @@ class TargetTable(Table):
     process: Matrix | None = None
 
 
-class LandmarkTable(Table):
+class LandmarkTable(Table, frozen=True):
     """``[[landmarks]]``: a mapped landmark, a variable of the prior.
 
     Attributes:
@@ -123,7 +123,7 @@ class LandmarkTable(Table):
     name: str = ""
 
 
-class MultiRobotTable(Table):
+class MultiRobotTable(Table, frozen=True):
     """``[[team.multi_robot]]``: when two robots measure each other, and how.
 
     Attributes:
@@ -142,7 +142,7 @@ class MultiRobotTable(Table):
     include_past: bool | None = None
 
 
-class PartitionTable(Table):
+class PartitionTable(Table, frozen=True):
     """``[[team.communication.partitions]]``: a time in which groups do not hear each other.
 
     Attributes:
@@ -156,7 +156,7 @@ class PartitionTable(Table):
     groups: tuple[tuple[Name, ...], ...]
 
 
-class CommunicationTable(Table):
+class CommunicationTable(Table, frozen=True):
     """``[team.communication]``: faults of the simulated network, drawn by the run's seed.
 
     Attributes:
@@ -176,7 +176,7 @@ class CommunicationTable(Table):
     partitions: tuple[PartitionTable, ...] = ()
 
 
-class TeamTable(Table):
+class TeamTable(Table, frozen=True):
     """``[team]``: how the robots agree and what they learn from each other.
 
     Attributes:
@@ -184,6 +184,7 @@ class TeamTable(Table):
         order: Order of turns; ``random`` is drawn by the run's seed.
         tolerance: Relative improvement below which a robot keeps its path.
         include_past: Whether past poses take part in multi-robot factors.
+        without_path: A robot whose goal cannot be reached is an error, or it stays at its start.
         communication: Faults of the network; a perfect one if left out.
     """
 
@@ -191,32 +192,34 @@ class TeamTable(Table):
     order: Literal["fixed", "random"] = "fixed"
     tolerance: Positive = 1e-6
     include_past: bool = True
+    without_path: Literal["refuse", "stay"] = "refuse"
     communication: CommunicationTable | None = None
 
 
-class IndependentPrior(Table, tag_field="kind", tag="independent"):
+class IndependentPrior(Table, frozen=True, tag_field="kind", tag="independent"):
     """``[prior] kind = "independent"``: robots' starts and landmarks, uncorrelated."""
 
 
-class GaugeTable(Table):
+class GaugeTable(Table, frozen=True):
     """``[prior.gauge]``: which pose of a g2o graph is held, and how firmly.
 
     Attributes:
-        key: The pose, as ``a0`` or a number.
-        sigmas: Standard deviations, 3 or 6.
+        key: The pose, as ``a0`` or a number; the files' FIX lines if left out.
+        sigmas: Standard deviations, 3 or 6; 1 mm and 1 mrad if left out.
     """
 
-    key: KeyName
-    sigmas: Sigmas
+    key: KeyName | None = None
+    sigmas: Sigmas | None = None
 
 
-class G2oPrior(Table, tag_field="kind", tag="g2o"):
+class G2oPrior(Table, frozen=True, tag_field="kind", tag="g2o"):
     """``[prior] kind = "g2o"``: the team's past as pose graphs.
 
     Attributes:
         files: g2o files, relative to the scenario file; edges may join vertices of two files.
         start_keys: Key of each robot's current pose, as ``a41`` or a number.
-        gauge: Which pose is held; the files' FIX lines if left out.
+        gauge: Which pose is held, and how firmly.
+        landmark_character: Letter of landmarks' keys, where landmarks and poses share ids.
         past_step_s: Seconds between consecutive past poses. If given, the poses that share the
             letter of a robot's start key, with lower index, are its past and may take part in
             multi-robot factors.
@@ -224,11 +227,12 @@ class G2oPrior(Table, tag_field="kind", tag="g2o"):
 
     files: Annotated[tuple[Name, ...], Meta(min_length=1)]
     start_keys: dict[str, KeyName]
-    gauge: GaugeTable | None = None
+    gauge: GaugeTable = field(default_factory=GaugeTable)
+    landmark_character: Annotated[str, Meta(pattern="^[A-Za-z]$")] | None = None
     past_step_s: Positive | None = None
 
 
-class PythonPrior(Table, tag_field="kind", tag="python"):
+class PythonPrior(Table, frozen=True, tag_field="kind", tag="python"):
     """``[prior] kind = "python"``: a user's own graph.
 
     Attributes:
@@ -239,7 +243,7 @@ class PythonPrior(Table, tag_field="kind", tag="python"):
     function: Name
 
 
-class TermTable(Table):
+class TermTable(Table, frozen=True):
     """``[[objective.terms]]``: one term, or one a robot where no robot is named.
 
     Attributes:
@@ -271,7 +275,7 @@ class TermTable(Table):
     name: Name | None = None
 
 
-class ObjectiveTable(Table):
+class ObjectiveTable(Table, frozen=True):
     """``[objective]``: a preset with its weights, or a list of terms.
 
     Attributes:
@@ -287,7 +291,7 @@ class ObjectiveTable(Table):
     terms: tuple[TermTable, ...] = ()
 
 
-class SimulationTable(Table):
+class SimulationTable(Table, frozen=True):
     """``[simulation]``: what a closed loop draws and how long it runs.
 
     Attributes:
@@ -303,7 +307,7 @@ class SimulationTable(Table):
     options: dict[str, Any] = field(default_factory=dict)
 
 
-class Scenario(Table):
+class Scenario(Table, frozen=True):
     """A scenario file.
 
     Attributes:

@@ -118,6 +118,7 @@ def _explain(message: str, raw: Any, within: Place) -> str:  # noqa: ANN401
     """Say what came and, for a robot, which; YAML's traps get their own words."""
     parts = _PLACE.match(message)
     what, place = (parts["what"], parts["place"] or "$") if parts else (message, "$")
+    what = what.replace(" | null", "")  # optional fields; TOML has no null
     value, found = _look_up(raw, place)
     came = ""
     if found and ", got" not in what and "object contains" not in what.lower():

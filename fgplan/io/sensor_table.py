@@ -28,27 +28,27 @@ from fgplan.paths.multi_robot import Criterion, DistanceCriterion, MultiRobotMod
 from fgplan.typing import Covariance
 
 
-class _ViewTable(Table):
+class _ViewTable(Table, frozen=True):
     """What every sensor of points has: how far and how wide it sees."""
 
     max_range_m: Positive = np.inf
     field_of_view_rad: Positive = 2.0 * np.pi
 
 
-class RangeTable(_ViewTable, kw_only=True):
+class RangeTable(_ViewTable, frozen=True, kw_only=True):
     """Parameters of ``kind = "range"``."""
 
     sigma_m: Positive
     sigma_per_metre: NotNegative = 0.0
 
 
-class BearingTable(_ViewTable, kw_only=True):
+class BearingTable(_ViewTable, frozen=True, kw_only=True):
     """Parameters of ``kind = "bearing"``."""
 
     sigma_rad: Positive
 
 
-class BearingRangeTable(_ViewTable, kw_only=True):
+class BearingRangeTable(_ViewTable, frozen=True, kw_only=True):
     """Parameters of ``kind = "bearing_range"``."""
 
     bearing_sigma_rad: Positive
@@ -56,7 +56,7 @@ class BearingRangeTable(_ViewTable, kw_only=True):
     range_sigma_per_metre: NotNegative = 0.0
 
 
-class RelativePoseTable(Table):
+class RelativePoseTable(Table, frozen=True):
     """Parameters of ``kind = "relative_pose"``, between robots only."""
 
     sigmas: Sigmas | None = None
@@ -169,7 +169,7 @@ def _make_criterion(table: MultiRobotTable, place: Place) -> Criterion:
         raise place.at("criterion").error(
             f"expected something to call with two states, got {type(criterion).__name__}"
         )
-    return criterion  # type: ignore[no-any-return]
+    return criterion
 
 
 def _make_team_sensor(

@@ -1,5 +1,6 @@
 """``[world]`` to a ``roadmaps.Workspace``: bounds or a map file, polygons on top of either."""
 
+from fgplan.checks import frozen
 from fgplan.io.place import Place
 from fgplan.io.scenario import WorldTable
 from roadmaps import Workspace, read_movingai_map, read_ros_map
@@ -36,10 +37,9 @@ def make_workspace(table: WorldTable, place: Place) -> Workspace:
             "expected only with a MovingAI .map file, got it without"
         )
     if table.bounds is not None:
-        lower, upper = table.bounds
+        lower, upper = frozen(table.bounds[0]), frozen(table.bounds[1])
     elif grid is not None:
-        low, high = grid.bounds
-        lower, upper = (low[0], low[1]), (high[0], high[1])
+        lower, upper = grid.bounds
     else:
         raise place.error("expected bounds or map, got neither; add bounds = [[0, 0], [10, 10]]")
     with place.checking():

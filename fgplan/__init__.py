@@ -1,0 +1,136 @@
+"""Belief-space planning for teams of robots.
+
+Names are imported when they are first used, so that `import fgplan` is quick and pulls in nothing
+that is not needed. Roadmaps and maps are in the package `roadmaps`.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fgplan.beliefs.belief import Belief as Belief
+    from fgplan.errors import FgplanError as FgplanError
+    from fgplan.errors import IllPosedBeliefError as IllPosedBeliefError
+    from fgplan.errors import InvalidInputError as InvalidInputError
+    from fgplan.errors import MissingExtraError as MissingExtraError
+    from fgplan.errors import NoCandidatePathError as NoCandidatePathError
+    from fgplan.errors import ScenarioError as ScenarioError
+    from fgplan.errors import StaleAnnouncementError as StaleAnnouncementError
+    from fgplan.errors import UnknownNameError as UnknownNameError
+    from fgplan.evaluation.evaluations import AbstractEvaluator as AbstractEvaluator
+    from fgplan.evaluation.evaluations import Evaluations as Evaluations
+    from fgplan.evaluation.evaluations import ReevaluationReport as ReevaluationReport
+    from fgplan.evaluation.objective import Objective as Objective
+    from fgplan.evaluation.objective import PathLengthTerm as PathLengthTerm
+    from fgplan.evaluation.objective import PathTerm as PathTerm
+    from fgplan.evaluation.objective import PosesOf as PosesOf
+    from fgplan.evaluation.objective import PriorVariables as PriorVariables
+    from fgplan.evaluation.objective import Trajectory as Trajectory
+    from fgplan.evaluation.objective import TravelTimeTerm as TravelTimeTerm
+    from fgplan.evaluation.objective import UncertaintyTerm as UncertaintyTerm
+    from fgplan.evaluation.objective import length_and_uncertainty as length_and_uncertainty
+    from fgplan.evaluation.problem import PastState as PastState
+    from fgplan.evaluation.problem import PlanningProblem as PlanningProblem
+    from fgplan.io.g2o import G2oGraph as G2oGraph
+    from fgplan.io.g2o import read_g2o as read_g2o
+    from fgplan.io.g2o import write_g2o as write_g2o
+    from fgplan.io.mission_file import load_mission as load_mission
+    from fgplan.io.result_file import read_result as read_result
+    from fgplan.io.result_file import write_result as write_result
+    from fgplan.models.motion import MotionModel as MotionModel
+    from fgplan.models.range_bearing import BearingRangeSensor as BearingRangeSensor
+    from fgplan.models.range_bearing import BearingSensor as BearingSensor
+    from fgplan.models.range_bearing import RangeSensor as RangeSensor
+    from fgplan.models.relative_pose import RelativePoseSensor as RelativePoseSensor
+    from fgplan.models.sensor import AbstractSensor as AbstractSensor
+    from fgplan.models.uncertainty import UncertaintyFunction as UncertaintyFunction
+    from fgplan.models.uncertainty import register_uncertainty as register_uncertainty
+    from fgplan.models.uncertainty import uncertainty_function as uncertainty_function
+    from fgplan.paths.candidate_path import CandidatePath as CandidatePath
+    from fgplan.paths.candidate_path import Observation as Observation
+    from fgplan.paths.multi_robot import Criterion as Criterion
+    from fgplan.paths.multi_robot import DistanceCriterion as DistanceCriterion
+    from fgplan.paths.multi_robot import MultiRobotModel as MultiRobotModel
+    from fgplan.paths.state import State as State
+    from fgplan.planners.mission import Mission as Mission
+    from fgplan.planners.mission import MissionRobot as MissionRobot
+    from fgplan.planners.mission import MissionTarget as MissionTarget
+    from fgplan.team.agreement import Agreement as Agreement
+    from fgplan.team.coordination import coordinate as coordinate
+    from fgplan.team.in_process import InProcessTransport as InProcessTransport
+    from fgplan.team.in_process import NetworkFaults as NetworkFaults
+    from fgplan.team.options import CoordinationOptions as CoordinationOptions
+    from fgplan.team.transport import Transport as Transport
+
+MODULE_OF = {
+    "AbstractEvaluator": "fgplan.evaluation.evaluations",
+    "AbstractSensor": "fgplan.models.sensor",
+    "Agreement": "fgplan.team.agreement",
+    "BearingRangeSensor": "fgplan.models.range_bearing",
+    "BearingSensor": "fgplan.models.range_bearing",
+    "Belief": "fgplan.beliefs.belief",
+    "CandidatePath": "fgplan.paths.candidate_path",
+    "CoordinationOptions": "fgplan.team.options",
+    "Criterion": "fgplan.paths.multi_robot",
+    "DistanceCriterion": "fgplan.paths.multi_robot",
+    "Evaluations": "fgplan.evaluation.evaluations",
+    "FgplanError": "fgplan.errors",
+    "G2oGraph": "fgplan.io.g2o",
+    "IllPosedBeliefError": "fgplan.errors",
+    "InProcessTransport": "fgplan.team.in_process",
+    "InvalidInputError": "fgplan.errors",
+    "MissingExtraError": "fgplan.errors",
+    "Mission": "fgplan.planners.mission",
+    "MissionRobot": "fgplan.planners.mission",
+    "MissionTarget": "fgplan.planners.mission",
+    "MotionModel": "fgplan.models.motion",
+    "MultiRobotModel": "fgplan.paths.multi_robot",
+    "NetworkFaults": "fgplan.team.in_process",
+    "NoCandidatePathError": "fgplan.errors",
+    "Objective": "fgplan.evaluation.objective",
+    "Observation": "fgplan.paths.candidate_path",
+    "PastState": "fgplan.evaluation.problem",
+    "PathLengthTerm": "fgplan.evaluation.objective",
+    "PathTerm": "fgplan.evaluation.objective",
+    "PlanningProblem": "fgplan.evaluation.problem",
+    "PosesOf": "fgplan.evaluation.objective",
+    "PriorVariables": "fgplan.evaluation.objective",
+    "RangeSensor": "fgplan.models.range_bearing",
+    "ReevaluationReport": "fgplan.evaluation.evaluations",
+    "RelativePoseSensor": "fgplan.models.relative_pose",
+    "ScenarioError": "fgplan.errors",
+    "StaleAnnouncementError": "fgplan.errors",
+    "State": "fgplan.paths.state",
+    "Trajectory": "fgplan.evaluation.objective",
+    "Transport": "fgplan.team.transport",
+    "TravelTimeTerm": "fgplan.evaluation.objective",
+    "UncertaintyFunction": "fgplan.models.uncertainty",
+    "UncertaintyTerm": "fgplan.evaluation.objective",
+    "UnknownNameError": "fgplan.errors",
+    "coordinate": "fgplan.team.coordination",
+    "length_and_uncertainty": "fgplan.evaluation.objective",
+    "load_mission": "fgplan.io.mission_file",
+    "read_g2o": "fgplan.io.g2o",
+    "read_result": "fgplan.io.result_file",
+    "register_uncertainty": "fgplan.models.uncertainty",
+    "uncertainty_function": "fgplan.models.uncertainty",
+    "write_g2o": "fgplan.io.g2o",
+    "write_result": "fgplan.io.result_file",
+}
+"""Module of each public name."""
+
+__all__ = sorted(MODULE_OF)
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used."""
+    if name not in MODULE_OF:
+        raise AttributeError(f"module 'fgplan' has no attribute {name!r}")
+    value = getattr(importlib.import_module(MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names, for completion."""
+    return [*globals(), *__all__]

@@ -1,0 +1,35 @@
+"""What every test shares: hypothesis profiles and the option that rewrites golden traces.
+
+Profiles: ``dev`` (default), ``ci`` (where CI is set; the same examples every time), ``deep`` (by
+hand: ``pytest --hypothesis-profile deep``).
+"""
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("dev", max_examples=25, deadline=None)
+settings.register_profile(
+    "ci",
+    max_examples=200,
+    deadline=None,
+    derandomize=True,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.register_profile("deep", max_examples=5000, deadline=None, print_blob=True)
+settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--update-golden",
+        action="store_true",
+        help="rewrite the traces in tests/golden instead of comparing with them",
+    )
+
+
+def pytest_configure(config):
+    if config.getoption("--update-golden") and os.environ.get("CI"):
+        raise pytest.UsageError("--update-golden: CI compares with golden traces; it never writes")
