@@ -23,7 +23,7 @@ from fgplan.factors.boundary import gtsam_boundary
 from fgplan.factors.factor_set import FactorId, FactorSet, factor_difference
 from fgplan.typing import Covariance, Key
 
-_GTSAM_ERRORS = (IllPosedBeliefError, InvalidInputError, UnknownNameError)
+_REFUSALS = (IllPosedBeliefError, InvalidInputError, UnknownNameError)
 
 
 @dataclass(slots=True, eq=False)
@@ -68,13 +68,13 @@ class IncrementalSmoother:
                     _remove(self._smoother, removed)
                 if len(change.added):
                     new = gtsam.Values()
-                    for key in poses.keys():
+                    for key in poses.dims():
                         if not self._smoother.valueExists(key):
                             _copy_pose(poses, key, new)
                     result = self._smoother.update(change.added.graph(), new)
                     slots = result.getNewFactorsIndices()
                     self._slots.update(zip(change.added.identities(), slots, strict=True))
-        except _GTSAM_ERRORS:
+        except _REFUSALS:
             self._rebuild()
 
     def covariances(
@@ -107,7 +107,7 @@ class IncrementalSmoother:
                 ]
                 if slots:
                     _remove(smoother, slots)
-        except _GTSAM_ERRORS:
+        except _REFUSALS:
             self._smoother = None
             raise
         return found

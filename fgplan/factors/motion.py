@@ -25,10 +25,11 @@ def between_factor(
     first_key: Key, second_key: Key, first: Pose, second: Pose, noise: gtsam.noiseModel.Base
 ) -> gtsam.NonlinearFactor:
     """Relative-pose factor with zero error at the two poses, noise in the second's tangent."""
-    relative = gtsam_pose(first).between(gtsam_pose(second))
     if first.ndim == 1:
-        return gtsam.BetweenFactorPose2(first_key, second_key, relative, noise)
-    return gtsam.BetweenFactorPose3(first_key, second_key, relative, noise)
+        step = gtsam.Pose2(*first).between(gtsam.Pose2(*second))
+        return gtsam.BetweenFactorPose2(first_key, second_key, step, noise)
+    motion = gtsam.Pose3(first).between(gtsam.Pose3(second))
+    return gtsam.BetweenFactorPose3(first_key, second_key, motion, noise)
 
 
 def motion_factors(path: CandidatePath, keys: Sequence[Key]) -> tuple[PlannedFactor, ...]:

@@ -20,12 +20,11 @@ import gtsam
 import numpy as np
 
 from fgplan.factors.factor_set import FactorId, PlannedFactor, state_identity
-from fgplan.factors.motion import between_factor
 from fgplan.factors.gaussian_noise import gaussian_noise, noise_digest
+from fgplan.factors.motion import between_factor
 from fgplan.factors.observation import (
     JacobianList,
     bearing_basis_agrees,
-    measured_bearing,
     sensor_residual,
     store_jacobians,
 )
@@ -158,10 +157,13 @@ def multi_robot_factor(
         ranging = gtsam.RangeFactorPose2 if planar else gtsam.RangeFactorPose3
         return ranging(*keys, distance, noise)
     if native and type(sensor) is BearingRangeSensor:
-        locating = gtsam.BearingRangeFactorPose2 if planar else gtsam.BearingRangeFactorPose3
-        return locating(*keys, measured_bearing(pose, target), distance, noise)
+        if planar:
+            angle = gtsam.Pose2(*pose).bearing(target)
+            return gtsam.BearingRangeFactorPose2(*keys, angle, distance, noise)
+        direction = gtsam.Pose3(pose).bearing(gtsam.Pose3(other))
+        return gtsam.BearingRangeFactorPose3(*keys, direction, distance, noise)
     if planar and type(sensor) is BearingSensor:
-        return gtsam.BearingFactorPose2(*keys, measured_bearing(pose, target), noise)
+        return gtsam.BearingFactorPose2(*keys, gtsam.Pose2(*pose).bearing(target), noise)
     return _pose_custom_factor(sensor, keys, pose, other, noise)
 
 

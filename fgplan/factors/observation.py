@@ -25,7 +25,6 @@ from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, Jacobian, Key, Pose
 
-
 JacobianList = MutableSequence[Jacobian] | None
 """Where GTSAM wants a CustomFactor's Jacobians: one place a key, or None if it wants none."""
 
@@ -45,12 +44,6 @@ def bearing_basis_agrees(sensor: AbstractSensor, pose: Pose, covariance: Covaria
     bearing = covariance[:2, :2]
     same = bearing[0, 0] == bearing[1, 1] and bearing[0, 1] == bearing[1, 0] == 0.0
     return bool(same and not covariance[:2, 2:].any())
-
-
-def measured_bearing(pose: Pose, target: FloatArray) -> gtsam.Rot2 | gtsam.Unit3:
-    """Direction to a target in the robot frame, as GTSAM holds it."""
-    where = gtsam.Pose2(*pose) if pose.ndim == 1 else gtsam.Pose3(pose)
-    return where.bearing(target)
 
 
 def observation_factor(
@@ -83,11 +76,15 @@ def observation_factor(
         ranging = gtsam.RangeFactor2D if planar else gtsam.RangeFactor3D
         return ranging(*keys, distance, noise)
     if native and type(sensor) is BearingSensor:
-        sighting = gtsam.BearingFactor2D if planar else gtsam.BearingFactor3D
-        return sighting(*keys, measured_bearing(pose, point), noise)
+        if planar:
+            return gtsam.BearingFactor2D(*keys, gtsam.Pose2(*pose).bearing(point), noise)
+        return gtsam.BearingFactor3D(*keys, gtsam.Pose3(pose).bearing(point), noise)
     if native and type(sensor) is BearingRangeSensor:
-        locating = gtsam.BearingRangeFactor2D if planar else gtsam.BearingRangeFactor3D
-        return locating(*keys, measured_bearing(pose, point), distance, noise)
+        if planar:
+            angle = gtsam.Pose2(*pose).bearing(point)
+            return gtsam.BearingRangeFactor2D(*keys, angle, distance, noise)
+        direction = gtsam.Pose3(pose).bearing(point)
+        return gtsam.BearingRangeFactor3D(*keys, direction, distance, noise)
     return _point_custom_factor(sensor, keys, pose, point, noise)
 
 
