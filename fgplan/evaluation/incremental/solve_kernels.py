@@ -10,7 +10,7 @@ that are read have one joint covariance
 
 and J = L L' gives the covariance of what is read, given e, as L_Q L_Q': no inverse, no difference.
 K >= I, so a pivot says how many digits were lost on the way: if a diagonal entry was summed from
-terms more than 1e6 times the pivot, the candidate is flagged and evaluated by QR.
+terms more than 1e5 times the pivot, the candidate is flagged and evaluated by QR.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from numba import njit
 
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky
 
-LOSS_LIMIT = 1e6
+LOSS_LIMIT = 1e5
 """Largest ratio of the terms of a diagonal entry to its pivot."""
 
 

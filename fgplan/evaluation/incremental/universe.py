@@ -29,7 +29,7 @@ from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, IntArray, Key
 
-CANCELLATION_LIMIT = 1e-6
+CANCELLATION_LIMIT = 1e-5
 """A squared pivot below this share of its diagonal entry has lost too many digits."""
 
 
