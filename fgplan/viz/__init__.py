@@ -1,0 +1,1 @@
+"""Figures of maps, paths, beliefs and running times; needs the extra ``viz``."""

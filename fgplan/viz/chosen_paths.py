@@ -1,0 +1,159 @@
+"""What the team agreed on: figures 6b, 8b, 10b, 12b and 14b of Regev and Indelman 2017.
+
+Paths, the covariance ellipse of each position along them, multi-robot factors and planned
+observations of mapped landmarks in cyan.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import networkx as nx
+import numpy as np
+
+from fgplan.checks import check_finite, check_positive
+from fgplan.errors import InvalidInputError, UnknownNameError
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.paths.state import State
+from fgplan.typing import ArrayLike, FloatArray, Key
+from fgplan.viz.ellipse import coverage, ellipse_outlines, magnification_to_see
+from fgplan.viz.map_drawing import (
+    MapPicture,
+    draw_goals,
+    draw_landmarks,
+    draw_lines,
+    draw_roadmap,
+    draw_start,
+    draw_workspace,
+    map_extent,
+    path_positions,
+    state_position,
+)
+from fgplan.viz.palette import UNCHANGED, RobotStyle, robot_styles
+from roadmaps import Workspace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def chosen_paths_figure(
+    paths: Mapping[str, CandidatePath],
+    covariances: Mapping[str, ArrayLike],
+    *,
+    joined: Sequence[tuple[State, State]] = (),
+    landmarks: Mapping[Key, ArrayLike] | None = None,
+    workspace: Workspace | None = None,
+    roadmap: nx.Graph | None = None,
+    goals: Mapping[str, ArrayLike] | None = None,
+    sigmas: float = 3.0,
+    magnification: float | None = None,
+    title: str = "Chosen paths and what the robots will know",
+) -> "Figure":
+    """Draw chosen paths with covariance ellipses and the factors that shape them.
+
+    Args:
+        paths: By robot, in the order of the team.
+        covariances: Shape (L + 1, 2, 2) by robot, square metres, world frame
+            (``world_position_covariances`` makes them from pose covariances); a robot may be left
+            out.
+        joined: Pairs of states with a multi-robot factor.
+        landmarks: Position of each mapped landmark by key, metres; the paths' planned
+            observations are drawn to them.
+        workspace: Bounds and obstacles; None takes the extent of the paths.
+        roadmap: Drawn in the background.
+        goals: Shape (G, 2) or (2,) by robot; None marks the paths' ends.
+        sigmas: Size of the ellipses in standard deviations; the legend says so.
+        magnification: Ellipses are drawn so much larger; None picks a round factor at which the
+            largest shows. The legend says so.
+        title: Title of the figure.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        InvalidInputError: If there is no path or a covariance does not fit its path.
+        UnknownNameError: If covariances are of a robot without a path.
+        MissingExtraError: If matplotlib is not installed.
+    """
+    if not paths:
+        raise InvalidInputError("figure: expected at least one chosen path, got none")
+    check_positive(sigmas, "figure sigmas")
+    lines = {robot: path_positions(path) for robot, path in paths.items()}
+    blocks = _checked(covariances, lines)
+    styles = robot_styles(tuple(paths))
+    extent = map_extent(workspace, list(lines.values()))
+    if magnification is None:
+        every = np.concatenate([np.zeros((1, 2, 2)), *blocks.values()])
+        magnification = magnification_to_see(every, sigmas, float((extent[1] - extent[0]).max()))
+    check_positive(magnification, "figure magnification")
+    picture = MapPicture(extent)
+    axes = picture.axes[0]
+    for robot, line in lines.items():
+        style = styles[robot]
+        axes.plot(*line.T, ls=style.dash, color=style.color, lw=2.2, marker=".", ms=7, zorder=5)
+        picture.entry(robot, color=style.color, ls=style.dash, lw=2.2, marker=".")
+    for robot, line in lines.items():
+        draw_start(picture, axes, robot, line[0], styles[robot])
+    for robot, each in blocks.items():
+        _draw_ellipses(axes, lines[robot], each, sigmas * magnification, styles[robot])
+    if blocks:
+        larger = f",\ndrawn {magnification:g}× larger" if magnification != 1 else ""
+        label = f"position covariance, {sigmas:g}σ\n({coverage(sigmas):.1%} inside){larger}"
+        picture.entry(label, color="#404040", marker="o", mfc="#DDDDDD", ls="", ms=13, mew=1.0)
+    if joined:
+        pairs = [(state_position(one), state_position(other)) for one, other in joined]
+        draw_lines(axes, pairs, color=UNCHANGED, lw=0.9, alpha=0.75, zorder=3.5)
+        picture.entry(f"multi-robot factor ({len(pairs)})", color=UNCHANGED, lw=1.4)
+    if landmarks:
+        _draw_observations(picture, axes, paths, lines, landmarks)
+    ends = {robot: line[-1] for robot, line in lines.items()}
+    draw_goals(picture, axes, ends if goals is None else goals, styles)
+    if roadmap is not None:
+        draw_roadmap(picture, axes, roadmap)
+    if workspace is not None:
+        draw_workspace(picture, axes, workspace)
+    return picture.finish(title)
+
+
+def _checked(
+    covariances: Mapping[str, ArrayLike], lines: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Covariances as arrays that fit their paths."""
+    checked = {}
+    for robot, given in covariances.items():
+        if robot not in lines:
+            known = ", ".join(lines)
+            raise UnknownNameError(f"figure: covariances of robot {robot!r}, expected of {known}")
+        name = f"position covariances of robot {robot!r}"
+        checked[robot] = check_finite(given, name, (len(lines[robot]), 2, 2))
+    return checked
+
+
+def _draw_ellipses(
+    axes: "Axes", centers: FloatArray, covariances: FloatArray, size: float, style: RobotStyle
+) -> None:
+    """Draw the ellipses of one robot: a line in its colour over a pale fill."""
+    for outline in ellipse_outlines(centers, covariances, size):
+        axes.fill(*outline.T, facecolor=style.color, alpha=0.12, lw=0, zorder=3.8)
+        axes.plot(*outline.T, color=style.color, lw=0.9, zorder=4)
+
+
+def _draw_observations(
+    picture: MapPicture,
+    axes: "Axes",
+    paths: Mapping[str, CandidatePath],
+    lines: Mapping[str, FloatArray],
+    landmarks: Mapping[Key, ArrayLike],
+) -> None:
+    """Draw landmarks, and dashed lines from where they would be observed."""
+    points = {key: np.asarray(where, dtype=np.float64)[:2] for key, where in landmarks.items()}
+    draw_landmarks(picture, axes, np.array(list(points.values())))
+    seen = [
+        (lines[robot][one.step], points[one.landmark])
+        for robot, path in paths.items()
+        for one in path.observations
+        if one.landmark in points
+    ]
+    if seen:
+        draw_lines(axes, seen, color=UNCHANGED, lw=0.8, alpha=0.9, zorder=3.4, dash=(0, (2.0, 2.0)))
+        picture.entry(f"landmark observation ({len(seen)})", color=UNCHANGED, lw=1.2, ls=":")
