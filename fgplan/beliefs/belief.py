@@ -244,8 +244,9 @@ class Belief:
 
     def _listed(self, keys: Key | Sequence[Key]) -> tuple[Key, ...]:
         """One key or several as a tuple, checked."""
-        single = isinstance(keys, int | np.integer)
-        listed = (int(keys),) if single else tuple(int(key) for key in keys)
+        if isinstance(keys, int | np.integer):
+            keys = (int(keys),)
+        listed = tuple(int(key) for key in keys)
         self._check_known(listed)
         if len(set(listed)) != len(listed):
             raise InvalidInputError(f"keys: expected distinct keys, got {describe_keys(listed)}")
