@@ -139,7 +139,7 @@ class World:
             )
         return self.landmark_positions[self.landmark_keys.index(key)]
 
-    def line_of_sight(self, starts: FloatArray, ends: FloatArray) -> IntArray:
+    def has_line_of_sight(self, starts: FloatArray, ends: FloatArray) -> IntArray:
         """Whether segments are free of obstacles: what a sensor asks of a world.
 
         Args:

@@ -37,8 +37,8 @@ def test_a_world_is_frozen():
 def test_line_of_sight():
     world = World(robots=(robot(),), workspace=ROOM)
     starts, ends = np.array([[1.0, 5.0]]), np.array([[3.0, 5.0], [9.0, 5.0]])
-    assert world.line_of_sight(starts, ends).tolist() == [1, 0]
-    assert World(robots=(robot(),)).line_of_sight(starts, ends).tolist() == [1, 1]
+    assert world.has_line_of_sight(starts, ends).tolist() == [1, 0]
+    assert World(robots=(robot(),)).has_line_of_sight(starts, ends).tolist() == [1, 1]
 
 
 @pytest.mark.parametrize(
