@@ -158,6 +158,8 @@ class World:
         names = [robot.name for robot in self.robots]
         if not names or len(set(names)) != len(names):
             raise InvalidInputError(f"world: expected robots with unique names, got {names}")
+        if len({robot.pose.ndim for robot in self.robots}) > 1:
+            raise InvalidInputError("world: expected planar or spatial robots, got both")
         for robot in self.robots:
             for sensor in robot.sensors:
                 if sensor not in self.sensors:

@@ -46,6 +46,11 @@ def test_line_of_sight():
     [
         ({"robots": ()}, InvalidInputError, "unique names"),
         ({"robots": (robot(), robot())}, InvalidInputError, "unique names"),
+        (
+            {"robots": (robot(), robot("r2", pose=np.eye(4)))},
+            InvalidInputError,
+            "planar or spatial robots, got both",
+        ),
         ({"robots": (robot(robot_sensors=("x",)),)}, UnknownNameError, "'x' is not one of: none"),
         ({"robots": (robot(pose=(5, 5, 0)),)}, InvalidInputError, "start in free space"),
         ({"step_s": 0.0}, InvalidInputError, "step_s"),
