@@ -1,7 +1,7 @@
 """How numbers change: the objective by announcement, position covariance by pose index.
 
 Every accepted announcement lowers the common objective, so the first curve only falls. The second
-is figures 9b, 11b, 13b and 15b of Regev and Indelman 2017.
+is figures 11b, 13b and 15b of Regev and Indelman 2017.
 """
 
 from collections.abc import Mapping, Sequence
