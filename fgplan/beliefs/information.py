@@ -1,5 +1,6 @@
-"""A sparse information matrix to which the information of factors is added and from which it is
-subtracted: equations (12) and (21) of Regev and Indelman 2017,
+"""A sparse information matrix that factors are added to and subtracted from.
+
+Equations (12) and (21) of Regev and Indelman 2017:
 
     Lambda' = Lambda - sum_{f removed} Lambda(f) + sum_{f added} Lambda(f).
 

@@ -24,7 +24,6 @@ together anew, and the fall-back is counted.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
@@ -41,6 +40,12 @@ from fgplan.errors import IllPosedBeliefError, InvalidInputError
 from fgplan.evaluation.evaluations import Evaluations, ReevaluationReport, weigh
 from fgplan.evaluation.from_scratch import check_announced, check_candidates
 from fgplan.evaluation.objective import PosesOf, UncertaintyTerm
+from fgplan.evaluation.prior_correlation import (
+    Measure,
+    check_measure,
+    covariance_difference,
+    starts_correlated,
+)
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.evaluation.term_values import (
     PoseAt,
@@ -61,13 +66,7 @@ from fgplan.evaluation.vertex_factors import (
 from fgplan.factors.path_factors import pose_key
 from fgplan.models.uncertainty import uncertainty_function
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import Covariance, FloatArray
-
-Measure = Literal["determinant", "trace", "divergence"]
-
-INDEPENDENT = 1e-12
-"""Correlation below which two current poses count as independent."""
-
+from fgplan.typing import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateInformation:
@@ -134,11 +133,7 @@ class AsPublished:
             raise InvalidInputError(
                 f"as_published threshold: expected a number, zero or more, got {self.threshold!r}"
             )
-        if self.measure not in ("determinant", "trace", "divergence"):
-            raise InvalidInputError(
-                "as_published measure: expected 'determinant', 'trace' or 'divergence', got "
-                f"{self.measure!r}"
-            )
+        check_measure(self.measure)
 
     def start(
         self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
@@ -209,10 +204,13 @@ class AsPublished:
     ) -> tuple[int, ...]:
         """Candidates to re-evaluate: Algorithm 1, and (39) where current poses are correlated."""
         for robot in changed:
-            if _prior_correlation(state.problem, state.robot, robot) > INDEPENDENT:
-                old = _current_pose_covariance(before, robot)
-                new = _current_pose_covariance(state, robot)
-                if _difference(old, new, self.measure) > self.threshold:
+            if starts_correlated(state.problem, state.robot, robot):
+                key = state.problem.start_keys[state.robot]
+                old, new = (
+                    marginal_covariance(_local_information(held, robot), [key])
+                    for held in (before, state)
+                )
+                if covariance_difference(old, new, self.measure) > self.threshold:
                     return tuple(range(len(state.candidates)))
         return tuple(
             place
@@ -356,31 +354,6 @@ def _local_change(before: AsPublishedState, state: AsPublishedState, robot: str)
             terms[theirs] += read[theirs]
         values.append(terms)
     return values[1] - values[0]
-
-
-def _prior_correlation(problem: PlanningProblem, robot: str, other: str) -> float:
-    """Largest correlation coefficient between two current poses under the prior (22)."""
-    keys = problem.start_keys[robot], problem.start_keys[other]
-    joint = problem.prior.covariance(keys)
-    scale = 1.0 / np.sqrt(np.diagonal(joint))
-    dim = problem.dim
-    return float(np.abs(joint * np.outer(scale, scale))[:dim, dim:].max())
-
-
-def _current_pose_covariance(state: AsPublishedState, robot: str) -> Covariance:
-    """Covariance of the own current pose given one announced path's local factors (34), (36)."""
-    key = state.problem.start_keys[state.robot]
-    return marginal_covariance(_local_information(state, robot), [key])
-
-
-def _difference(old: Covariance, new: Covariance, measure: Measure) -> float:
-    """How much two covariances differ, for (39)."""
-    if measure == "determinant":
-        return float(abs(np.linalg.det(new) - np.linalg.det(old)))
-    if measure == "trace":
-        return float(abs(np.trace(new) - np.trace(old)))
-    ratio = np.linalg.solve(old, new)
-    return float(0.5 * (np.trace(ratio) - len(old) - np.linalg.slogdet(ratio)[1]))
 
 
 def _report(

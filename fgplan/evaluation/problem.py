@@ -5,7 +5,7 @@ The evaluator of robot r sees this problem, r's candidates and the announced pat
 A robot that has announced nothing stays where the prior says it is.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fgplan.beliefs.belief import Belief
@@ -21,7 +21,7 @@ from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import MultiRobotModel
 from fgplan.paths.state import State
-from fgplan.typing import Key
+from fgplan.typing import Key, Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,34 +89,49 @@ class PlanningProblem:
         """Dimension of a pose's tangent: 3 planar, 6 spatial."""
         return self.prior.dim(next(iter(self.start_keys.values())))
 
-    def check_path(self, path: CandidatePath) -> None:
-        """Check that a path belongs to this problem.
+    def check_paths(self, paths: Sequence[CandidatePath]) -> None:
+        """Check that paths belong to this problem.
 
         Raises:
-            UnknownNameError: If its robot, a landmark or a sensor is not known.
-            InvalidInputError: If its dimension or start pose differs from the prior's.
+            UnknownNameError: If a robot, a landmark or a sensor is not known.
+            InvalidInputError: If a dimension or start pose differs from the prior's.
         """
-        if path.robot not in self.start_keys:
-            known = ", ".join(self.robots)
-            raise UnknownNameError(f"path of robot {path.robot!r}: expected one of {known}")
-        if path.dim != self.dim:
-            raise InvalidInputError(
-                f"path of robot {path.robot!r}: expected poses of tangent dimension {self.dim}, "
-                f"got {path.dim}"
-            )
-        start = self.prior.pose(self.start_keys[path.robot])
+        dim = self.dim
+        starts: dict[str, Pose] = {}
+        for path in paths:
+            if path.robot not in self.start_keys:
+                known = ", ".join(self.robots)
+                raise UnknownNameError(f"path of robot {path.robot!r}: expected one of {known}")
+            if path.dim != dim:
+                raise InvalidInputError(
+                    f"path of robot {path.robot!r}: expected poses of tangent dimension {dim}, "
+                    f"got {path.dim}"
+                )
+            if path.robot not in starts:
+                starts[path.robot] = self.prior.pose(self.start_keys[path.robot])
+            self._check_start(path, starts[path.robot])
+            for seen in path.observations:
+                if seen.sensor not in self.sensors:
+                    known = ", ".join(self.sensors) or "none"
+                    raise UnknownNameError(
+                        f"path of robot {path.robot!r}: sensor {seen.sensor!r} is not one of: "
+                        f"{known}"
+                    )
+                self.prior.dim(seen.landmark)
+
+    def check_path(self, path: CandidatePath) -> None:
+        """Check one path, see ``check_paths``."""
+        self.check_paths((path,))
+
+    def _check_start(self, path: CandidatePath, start: Pose) -> None:
+        """Check that pose 0 is the prior's estimate."""
+        if (path.poses[0] == start).all():
+            return
         if abs(path.poses[0] - start).max() > 1e-9 * max(1.0, abs(start).max()):
             raise InvalidInputError(
                 f"path of robot {path.robot!r}: expected pose 0 at the estimate {start}, got "
                 f"{path.poses[0]}; paths start from the prior's current pose"
             )
-        for seen in path.observations:
-            if seen.sensor not in self.sensors:
-                known = ", ".join(self.sensors) or "none"
-                raise UnknownNameError(
-                    f"path of robot {path.robot!r}: sensor {seen.sensor!r} is not one of: {known}"
-                )
-            self.prior.dim(seen.landmark)
 
     def _check_term(self, term: object) -> None:
         """Check that the robots and keys of one objective term exist."""

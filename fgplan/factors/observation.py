@@ -16,7 +16,7 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
-from fgplan.errors import UnknownNameError
+from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.factors.factor_set import FactorId, PlannedFactor, state_identity
 from fgplan.factors.gaussian_noise import gaussian_noise, noise_digest
 from fgplan.models.pose import position, position_in, rotation_matrix
@@ -39,7 +39,7 @@ class Estimates(Protocol):
 
 def bearing_basis_agrees(sensor: AbstractSensor, pose: Pose, covariance: Covariance) -> bool:
     """Whether GTSAM's basis of the bearing's tangent plane gives the same information."""
-    if pose.ndim == 1 or type(sensor) is RangeSensor:
+    if pose.ndim == 1 or type(sensor) not in (BearingSensor, BearingRangeSensor):
         return True
     bearing = covariance[:2, :2]
     same = bearing[0, 0] == bearing[1, 1] and bearing[0, 1] == bearing[1, 0] == 0.0
@@ -66,9 +66,15 @@ def observation_factor(
         GTSAM's own factor for the built-in sensors, else a CustomFactor.
 
     Raises:
-        InvalidInputError: If the noise is not positive definite.
+        InvalidInputError: If the noise is not positive definite or of another size.
     """
     noise = gaussian_noise(covariance, f"{sensor.kind} observation")
+    size = len(sensor.noise(pose, point))
+    if covariance.shape != (size, size):
+        raise InvalidInputError(
+            f"noise of {sensor.kind} observation: expected shape ({size}, {size}), got "
+            f"{covariance.shape}"
+        )
     planar = pose.ndim == 1
     native = planar == (point.size == 2) and bearing_basis_agrees(sensor, pose, covariance)
     distance = float(np.linalg.norm(point - position_in(pose, point.size)))

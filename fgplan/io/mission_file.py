@@ -6,6 +6,7 @@ or YAML do not matter), of the map's cells, and of the prior's rows and values.
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -92,7 +93,7 @@ def make_mission(scenario: Scenario, path: Path) -> Mission:
             multi_robot=multi_robot,
             past_states=prior.past_states,
             targets=targets,
-            options=scenario.planner_options,
+            options=_planner_options(scenario, place),
             digest=scenario_digest(scenario, workspace, prior),
             seed=scenario.seed,
         )
@@ -116,6 +117,21 @@ def scenario_digest(scenario: Scenario, workspace: Workspace, prior: Prior) -> s
         content.update(np.array([workspace.grid.resolution_m, *workspace.grid.origin]).tobytes())
     content.update(prior.belief.digest().encode())
     return content.hexdigest()
+
+
+def _planner_options(scenario: Scenario, place: Place) -> dict[str, Any]:
+    """Options of the planner that is named, with what ``[team]`` says of agreeing."""
+    options = scenario.planner_options
+    for name in ("order", "tolerance", "without_path", "communication"):
+        value = getattr(scenario.team, name)
+        if value is None:
+            continue
+        if name in options:
+            raise place.at(f"team.{name}").error(
+                f"expected {name} once, got it under [planner.{scenario.planner_name}] too"
+            )
+        options[name] = msgspec.to_builtins(value)
+    return options
 
 
 def _make_robot(table: RobotTable, key: Key, dim: int, place: Place) -> MissionRobot:

@@ -179,6 +179,9 @@ class CommunicationTable(Table, frozen=True):
 class TeamTable(Table, frozen=True):
     """``[team]``: how the robots agree and what they learn from each other.
 
+    Order, tolerance, without_path and communication go to the planner as options of these names;
+    what is left out is the planner's default.
+
     Attributes:
         multi_robot: Models of multi-robot factors; several may hold at once.
         order: Order of turns; ``random`` is drawn by the run's seed.
@@ -189,10 +192,10 @@ class TeamTable(Table, frozen=True):
     """
 
     multi_robot: tuple[MultiRobotTable, ...] = ()
-    order: Literal["fixed", "random"] = "fixed"
-    tolerance: Positive = 1e-6
+    order: Literal["fixed", "random"] | None = None
+    tolerance: Positive | None = None
     include_past: bool = True
-    without_path: Literal["refuse", "stay"] = "refuse"
+    without_path: Literal["refuse", "stay"] | None = None
     communication: CommunicationTable | None = None
 
 

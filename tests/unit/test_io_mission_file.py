@@ -567,3 +567,18 @@ def test_malformed_g2o_names_scenario_and_line(load, tmp_path):
     (tmp_path / "past.g2o").write_text("VERTEX_SE2 0 1\n")
     with pytest.raises(ScenarioError, match=r"past\.g2o:1"):
         load(g2o_text(START_KEYS))
+
+
+def test_team_settings_become_options_of_the_planner(load):
+    team = (
+        '[team]\norder = "random"\nwithout_path = "stay"\n'
+        "[team.communication]\nloss = 0.1\n[[team.multi_robot]]"
+    )
+    mission = load(edited(("[[team.multi_robot]]", team)))
+    assert mission.options["order"] == "random"
+    assert mission.options["without_path"] == "stay"
+    assert mission.options["communication"]["loss"] == 0.1
+    assert "tolerance" not in mission.options
+    twice = edited(("[[team.multi_robot]]", team), ("candidates = 10", 'order = "fixed"'))
+    with pytest.raises(ScenarioError, match=r"order once.*\$\.team\.order"):
+        load(twice)

@@ -56,7 +56,7 @@ def test_scenario_is_read_with_its_defaults(tmp_path):
     assert scenario.robots[1].goal == (9.0, 1.0)
     assert scenario.planner_name == "impacted_paths"
     assert scenario.planner_options == {"candidates": 7}
-    assert scenario.team.order == "fixed"
+    assert scenario.team.order is None
     assert scenario.seed == 0
     assert landmark_name(scenario, 0) == "l0"
 

@@ -24,8 +24,8 @@ class CandidateTable:
         paths: The N candidates.
         lengths: Shape (N,), steps of each.
         states: Shape (N, Lmax), number of the own state at steps 1 to L; -1 beyond the end.
-        distinct: The distinct own states.
-        poses: Shape (A, 3) or (A, 4, 4), their poses.
+        owner: Shape (A, 2), candidate and step where each distinct own state was first met.
+        poses: Shape (A, 3) or (A, 4, 4), poses of the distinct own states.
         vertices: Shape (A,), their roadmap vertices.
         observations: Planned observations from each distinct state.
         motion_late: Shape (N, Lmax, d, d), A2'A2 of the motion into each step.
@@ -36,13 +36,17 @@ class CandidateTable:
     paths: tuple[CandidatePath, ...]
     lengths: IntArray
     states: IntArray
-    distinct: tuple[State, ...]
+    owner: IntArray
     poses: FloatArray
     vertices: IntArray
     observations: tuple[tuple[Observation, ...], ...]
     motion_late: FloatArray
     motion_cross: FloatArray
     motion_early: FloatArray
+
+    def distinct(self) -> list[State]:
+        """The distinct own states."""
+        return [self.paths[c].state(step) for c, step in self.owner.tolist()]
 
 
 def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
@@ -58,58 +62,78 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
     dim = paths[0].dim
     lengths = np.array([path.steps for path in paths], np.int64)
     longest = int(lengths.max())
-    states = np.full((len(paths), longest), -1, np.int64)
+    inside = np.arange(longest) < lengths[:, None]
     late, cross, early = np.zeros((3, len(paths), longest, dim, dim))
-    number: dict[tuple[object, ...], int] = {}
-    distinct: list[State] = []
-    observed: list[tuple[Observation, ...]] = []
-    for c, path in enumerate(paths):
-        late[c, : path.steps], cross[c, : path.steps], early[c, : path.steps] = motion_blocks(path)
-        seen: dict[int, list[Observation]] = {}
-        for observation in path.observations:
-            seen.setdefault(observation.step, []).append(observation)
-        width = path.poses[0].nbytes
-        raw = path.poses.tobytes()
-        times = path.times_s.tolist()
-        for step in range(1, path.steps + 1):
-            here = tuple(seen.get(step, ()))
-            marks = tuple((o.landmark, o.sensor, np.asarray(o.covariance).tobytes()) for o in here)
-            key = (step, times[step], raw[step * width : (step + 1) * width], marks)
-            if key not in number:
-                number[key] = len(distinct)
-                distinct.append(path.state(step))
-                observed.append(here)
-            states[c, step - 1] = number[key]
+    late[inside], cross[inside], early[inside] = step_blocks(
+        np.concatenate([path.poses[:-1] for path in paths]),
+        np.concatenate([path.poses[1:] for path in paths]),
+        np.concatenate([path.motion_covariances for path in paths]),
+    )
+    poses = np.concatenate([path.poses[1:] for path in paths])
+    steps = np.concatenate([np.arange(1.0, length + 1.0) for length in lengths.tolist()])
+    times = np.concatenate([path.times_s[1:] for path in paths])
+    marks = np.column_stack([steps, times, poses.reshape(len(poses), -1)])
+    raw, width = marks.tobytes(), marks.shape[1] * marks.itemsize
+    names: list[tuple[object, ...] | bytes] = [
+        raw[at : at + width] for at in range(0, len(raw), width)
+    ]
+    observed = _observed(paths, names)
+    number: dict[object, int] = {}
+    flat = np.array([number.setdefault(name, len(number)) for name in names], np.int64)
+    first = np.unique(flat, return_index=True)[1]
+    states = np.full((len(paths), longest), -1, np.int64)
+    states[inside] = flat
+    owner = np.column_stack([np.repeat(np.arange(len(paths)), lengths), steps]).astype(np.int64)
+    vertices = np.concatenate([np.array(path.vertices[1:], np.int64) for path in paths])
     return CandidateTable(
         paths=paths,
         lengths=lengths,
         states=states,
-        distinct=tuple(distinct),
-        poses=np.ascontiguousarray([state.pose for state in distinct]),
-        vertices=np.array([state.vertex for state in distinct], np.int64),
-        observations=tuple(observed),
+        owner=owner[first],
+        poses=np.ascontiguousarray(poses[first]),
+        vertices=vertices[first],
+        observations=tuple(observed.get(at, ()) for at in first.tolist()),
         motion_late=late,
         motion_cross=cross,
         motion_early=early,
     )
 
 
-def motion_blocks(path: CandidatePath) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Blocks of a path's motion factors.
+def _observed(
+    paths: Sequence[CandidatePath], names: list[tuple[object, ...] | bytes]
+) -> dict[int, tuple[Observation, ...]]:
+    """Observations by flat place; states that observe differently get different names."""
+    found: dict[int, list[Observation]] = {}
+    begin = 0
+    for path in paths:
+        for seen in path.observations:
+            found.setdefault(begin + seen.step - 1, []).append(seen)
+        begin += path.steps
+    for at, seen_here in found.items():
+        marks = ((o.landmark, o.sensor, np.asarray(o.covariance).tobytes()) for o in seen_here)
+        names[at] = (names[at], *marks)
+    return {at: tuple(seen_here) for at, seen_here in found.items()}
+
+
+def step_blocks(
+    before: FloatArray, after: FloatArray, covariances: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Blocks of motion factors.
 
     Args:
-        path: The path, L steps.
+        before: Shape (M, 3) or (M, 4, 4), pose before each step, world frame.
+        after: The same, pose after it.
+        covariances: Shape (M, d, d), noise in the tangent of the pose after.
 
     Returns:
-        A2'A2, A2'A1 and A1'A1 of every step, each of shape (L, d, d).
+        A2'A2, A2'A1 and A1'A1 of every step, each of shape (M, d, d).
     """
-    information = np.linalg.inv(path.motion_covariances)
-    if path.poses.ndim == 2:
-        before, after = path.poses[:-1], path.poses[1:]
+    information = np.linalg.inv(covariances)
+    if before.ndim == 2:
         cos2, sin2 = np.cos(after[:, 2]), np.sin(after[:, 2])
         x, y = before[:, 0] - after[:, 0], before[:, 1] - after[:, 1]
         turn = before[:, 2] - after[:, 2]
-        back = np.zeros((path.steps, 3, 3))
+        back = np.zeros((len(before), 3, 3))
         back[:, 0, 0] = back[:, 1, 1] = np.cos(turn)
         back[:, 1, 0] = np.sin(turn)
         back[:, 0, 1] = -back[:, 1, 0]
@@ -117,8 +141,6 @@ def motion_blocks(path: CandidatePath) -> tuple[FloatArray, FloatArray, FloatArr
         back[:, 1, 2] = -(cos2 * x + sin2 * y)
         back[:, 2, 2] = 1.0
     else:
-        back = np.array(
-            [adjoint(between(b, a)) for a, b in zip(path.poses[:-1], path.poses[1:], strict=True)]
-        )
+        back = np.array([adjoint(between(b, a)) for a, b in zip(before, after, strict=True)])
     cross = -information @ back
     return information, cross, -np.swapaxes(back, 1, 2) @ cross

@@ -37,6 +37,7 @@ from fgplan.evaluation.incremental.prior_marginal import (
 from fgplan.evaluation.incremental.turn import (
     Turn,
     begin_turn,
+    own_states,
     reads_only_the_end,
     separable,
     touched_keys,
@@ -51,8 +52,8 @@ from fgplan.typing import FloatArray, IntArray
 FIRST_CAPACITY = 64
 """Steps an announced path may have before variables are numbered anew."""
 
-FIRST_BATCH = 2
-"""Candidates evaluated exactly before the bound is used; batches grow by half."""
+FIRST_BATCH = 3
+"""Candidates evaluated exactly before the bound is used; later batches are twice as large."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,10 +114,11 @@ class Incremental:
                     f"candidates of robot {robot!r}: expected its own paths, got one of "
                     f"{path.robot!r}"
                 )
-            problem.check_path(path)
+        problem.check_paths(candidates)
         table = tabulate(candidates)
         landmarks = [o.landmark for path in candidates for o in path.observations]
-        touched = touched_keys(problem, table.distinct, table.poses, landmarks)
+        own = own_states(problem, table)
+        touched = touched_keys(problem, own, landmarks)
         wide = eliminate_history(problem, touched)
         numbering = Numbering(problem.robots, FIRST_CAPACITY, needed_keys(problem, touched))
         return Memory(
@@ -126,12 +128,10 @@ class Incremental:
             wide=wide,
             numbering=numbering,
             prior=restrict(wide, numbering.prior_keys),
-            fixed=fixed_blocks(
-                problem, numbering, table.distinct, table.poses, list(table.observations)
-            ),
+            fixed=fixed_blocks(problem, numbering, own, table.observations),
             prior_blocks=prior_covariances(problem),
             path_terms=np.array([path_values(problem, {robot: p}, [robot]) for p in candidates]),
-            moving=no_blocks(len(table.distinct), problem.dim),
+            moving=no_blocks(len(table.poses), problem.dim),
         )
 
     def add_candidates(self, memory: Memory, candidates: Sequence[CandidatePath]) -> Memory:
@@ -223,11 +223,11 @@ class Incremental:
         if len(rest):
             bounds[rest] = weigh(problem, lower_bounds(turn, rest))
         queue = rest[np.argsort(bounds[rest], kind="stable")]
-        first = {int(queue[0])} if len(queue) else set()
+        first = set(queue[:FIRST_BATCH].tolist())
         if incumbent is not None and not known[incumbent]:
             first.add(incumbent)
         batch = np.array(sorted(first), np.int64)
-        size = FIRST_BATCH
+        size = 4 * FIRST_BATCH
         while len(batch):
             turn, terms[batch] = candidate_terms(turn, batch, work)
             values[batch] = weigh(problem, terms[batch])
@@ -236,7 +236,7 @@ class Incremental:
             limit = best + 2.0 * TIE_TOLERANCE * abs(best)
             open_ = [c for c in queue.tolist() if not known[c] and bounds[c] <= limit]
             batch = np.array(sorted(open_[:size]), np.int64)
-            size += (size + 1) // 2
+            size *= 2
         after = self._remember(turn, np.where(known[:, None], terms, np.nan))
         skipped = tuple(np.flatnonzero(~known).tolist())
         report = _report(turn, after, work, carried, skipped)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fgplan.evaluation.problem import PlanningProblem
+from fgplan.evaluation.problem import PastState, PlanningProblem
 from fgplan.models.relative_pose import RelativePoseSensor
-from fgplan.paths.candidate_path import Observation
+from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
 from fgplan.paths.state import State
 from fgplan.typing import FloatArray, IntArray, Key
@@ -50,6 +50,40 @@ class FactorBlocks:
             + self.cross.nbytes
             + self.other.nbytes
         )
+
+
+@dataclass(frozen=True, slots=True)
+class StateSet:
+    """Some states by their poses; the states themselves are made only where a model asks.
+
+    Attributes:
+        poses: Shape (A, 3) or (A, 4, 4), world frame.
+        places: Shape (A,), place of each state's robot in the team.
+        states: Makes the states.
+    """
+
+    poses: FloatArray
+    places: IntArray
+    states: Callable[[], Sequence[State]]
+
+
+def states_of(problem: PlanningProblem, paths: Sequence[CandidatePath]) -> StateSet:
+    """Future states of some paths, one path after the other."""
+    places = [problem.robots.index(path.robot) for path in paths]
+    return StateSet(
+        np.ascontiguousarray(np.concatenate([path.poses[1:] for path in paths])),
+        np.repeat(places, [path.steps for path in paths]),
+        lambda: [state for path in paths for state in path.states()],
+    )
+
+
+def past_states_of(problem: PlanningProblem, past: Sequence[PastState]) -> StateSet:
+    """Some past states of the problem."""
+    return StateSet(
+        np.ascontiguousarray([p.state.pose for p in past]),
+        np.array([problem.robots.index(p.state.robot) for p in past], np.int64),
+        lambda: [p.state for p in past],
+    )
 
 
 def no_blocks(states: int, dim: int) -> FactorBlocks:
@@ -135,10 +169,8 @@ def joint_rows(
 
 def multi_robot_blocks(
     problem: PlanningProblem,
-    states: Sequence[State],
-    poses: FloatArray,
-    others: Sequence[State],
-    other_poses: FloatArray,
+    own: StateSet,
+    others: StateSet,
     variables: IntArray,
     past: bool = False,
 ) -> FactorBlocks:
@@ -146,10 +178,8 @@ def multi_robot_blocks(
 
     Args:
         problem: Prior, team and models.
-        states: A states of one robot.
-        poses: Their poses, shape (A, 3) or (A, 4, 4).
+        own: A states of one robot.
         others: B states of other robots.
-        other_poses: Their poses, shape (B, 3) or (B, 4, 4).
         variables: Shape (B,), number of each other state for the table.
         past: Whether the others are past states, which some models leave out.
 
@@ -157,16 +187,14 @@ def multi_robot_blocks(
         The table over the A states.
     """
     models = [m for m in problem.multi_robot if m.include_past or not past]
-    if not models or not len(states) or not len(others):
-        return no_blocks(len(states), problem.dim)
-    order = {robot: index for index, robot in enumerate(problem.robots)}
-    mine = order[states[0].robot]
-    first = np.array([order[other.robot] < mine for other in others])
+    if not models or not len(own.poses) or not len(others.poses):
+        return no_blocks(len(own.poses), problem.dim)
+    first = others.places < own.places[0]
     return merge(
         [
-            _planar_relative(model, model.sensor, poses, other_poses, variables, first)
-            if poses.ndim == 2 and _is_plain(model)
-            else _any_model(problem, model, states, others, variables, first)
+            _planar_relative(model, own.poses, others.poses, variables, first)
+            if own.poses.ndim == 2 and _is_plain(model)
+            else _any_model(problem, model, own, others, variables, first)
             for model in models
         ]
     )
@@ -181,7 +209,6 @@ def _is_plain(model: MultiRobotModel) -> bool:
 
 def _planar_relative(
     model: MultiRobotModel,
-    sensor: object,
     poses: FloatArray,
     other_poses: FloatArray,
     variables: IntArray,
@@ -190,7 +217,7 @@ def _planar_relative(
     """The default model, compiled."""
     from fgplan.evaluation.incremental.factor_kernels import near_pairs, relative_pose_blocks
 
-    weight = sensor.whitening()  # type: ignore[attr-defined]
+    weight = model.sensor.whitening()  # type: ignore[union-attr]
     omega = weight.T @ weight
     distance = model.criterion.distance_m  # type: ignore[attr-defined]
     pointer, found = near_pairs(poses, other_poses, distance)
@@ -205,16 +232,17 @@ def _planar_relative(
 def _any_model(
     problem: PlanningProblem,
     model: MultiRobotModel,
-    states: Sequence[State],
-    others: Sequence[State],
+    own: StateSet,
+    others: StateSet,
     variables: IntArray,
     first: IntArray,
 ) -> FactorBlocks:
     """Any other criterion or sensor, pair by pair."""
     per_state: list[list[tuple[int, FloatArray, FloatArray]]] = []
-    for state in states:
+    other_states = others.states()
+    for state in own.states():
         factors = []
-        for index, other in enumerate(others):
+        for index, other in enumerate(other_states):
             rows = joint_rows(model, state, other, bool(first[index]))
             if rows is not None:
                 factors.append((int(variables[index]), *rows))

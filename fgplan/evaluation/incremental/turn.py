@@ -10,11 +10,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import (
     FactorBlocks,
-    merge,
+    StateSet,
     multi_robot_blocks,
     no_blocks,
+    past_states_of,
+    states_of,
 )
 from fgplan.evaluation.incremental.impact import (
     Components,
@@ -37,8 +40,6 @@ from fgplan.evaluation.incremental.whitened_rows import universe_rows
 from fgplan.evaluation.objective import PosesOf, Trajectory, UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.paths.multi_robot import DistanceCriterion
-from fgplan.paths.state import State
 from fgplan.typing import FloatArray, IntArray, Key
 
 
@@ -92,23 +93,22 @@ class Turn:
         return self.rows[cut]
 
 
-def touched_keys(
-    problem: PlanningProblem, states: tuple[State, ...], poses: FloatArray, landmarks: list[Key]
-) -> list[Key]:
+def touched_keys(problem: PlanningProblem, own: StateSet, landmarks: list[Key]) -> list[Key]:
     """Prior variables that some states would touch: landmarks, and past poses they meet."""
-    past = [p for p in problem.past_states if p.state.robot != states[0].robot]
+    robot = problem.robots[own.places[0]]
+    past = [p for p in problem.past_states if p.state.robot != robot]
     if not past:
         return landmarks
-    met = multi_robot_blocks(
-        problem,
-        states,
-        poses,
-        [p.state for p in past],
-        np.ascontiguousarray([p.state.pose for p in past]),
-        np.arange(len(past)),
-        past=True,
-    )
+    others = past_states_of(problem, past)
+    met = multi_robot_blocks(problem, own, others, np.arange(len(past)), past=True)
     return landmarks + [past[index].key for index in np.unique(met.variable).tolist()]
+
+
+def own_states(problem: PlanningProblem, table: CandidateTable) -> StateSet:
+    """Distinct own states of the candidates."""
+    place = problem.robots.index(table.paths[0].robot)
+    places = np.full(len(table.poses), place, np.int64)
+    return StateSet(table.poses, places, table.distinct)
 
 
 def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
@@ -132,9 +132,7 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
         r for r in problem.robots if r != memory.robot and not same_path(old.get(r), new.get(r))
     )
     new = {r: path if r in changed else old[r] for r, path in new.items()}
-    for robot in changed:
-        if robot in new:
-            problem.check_path(new[robot])
+    problem.check_paths([new[robot] for robot in changed if robot in new])
     grown = _grow(memory, new, changed)
     own = {r: grown.own_pieces[r] for r in new if r in grown.own_pieces and r not in changed}
     for robot in new:
@@ -165,8 +163,9 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
         if robot in new:
             path = new[robot]
             landmarks = [o.landmark for o in path.observations]
-            states, poses = path.states(), np.ascontiguousarray(path.poses[1:])
-            keys.update(dict.fromkeys(touched_keys(problem, states, poses, landmarks)))
+            keys.update(
+                dict.fromkeys(touched_keys(problem, states_of(problem, [path]), landmarks))
+            )
     longest = max((path.steps for path in new.values()), default=0)
     if len(keys) == len(numbering.prior_keys) and longest <= numbering.capacity:
         return memory
@@ -183,7 +182,7 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
         wide=wide,
         numbering=fresh,
         prior=restrict(wide, fresh.prior_keys),
-        fixed=fixed_blocks(problem, fresh, table.distinct, table.poses, list(table.observations)),
+        fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
         own_pieces={},
         pair_pieces={},
     )
@@ -197,25 +196,12 @@ def _moving(memory: Memory, announced: Mapping[str, CandidatePath]) -> FactorBlo
     """Factors of the distinct own states with all announced poses."""
     problem, table = memory.problem, memory.table
     if not announced or not problem.multi_robot:
-        return no_blocks(len(table.distinct), problem.dim)
-    plain = all(isinstance(m.criterion, DistanceCriterion) for m in problem.multi_robot)
-    groups = [list(announced.values())] if plain else [[path] for path in announced.values()]
-    tables = []
-    for paths in groups:
-        numbers = [
-            memory.numbering.pose(path.robot, 1) + np.arange(path.steps) for path in paths
-        ]
-        tables.append(
-            multi_robot_blocks(
-                problem,
-                table.distinct,
-                table.poses,
-                [state for path in paths for state in path.states()],
-                np.ascontiguousarray(np.concatenate([path.poses[1:] for path in paths])),
-                np.concatenate(numbers),
-            )
-        )
-    return merge(tables)
+        return no_blocks(len(table.poses), problem.dim)
+    paths = list(announced.values())
+    numbers = [memory.numbering.pose(path.robot, 1) + np.arange(path.steps) for path in paths]
+    return multi_robot_blocks(
+        problem, own_states(problem, table), states_of(problem, paths), np.concatenate(numbers)
+    )
 
 
 def _impact(
@@ -249,7 +235,7 @@ def _impact(
     )
     if inside[_start_node(parts, after, after.robot)]:
         return np.ones(size, bool), robots
-    flags = np.zeros(len(after.table.distinct), bool)
+    flags = np.zeros(len(after.table.poses), bool)
     for blocks in (before.moving, after.moving, after.fixed):
         owner = np.repeat(np.arange(len(flags)), np.diff(blocks.pointer))
         flags[owner[inside[parts.nodes(blocks.variable)]]] = True

@@ -10,23 +10,28 @@ Variables have fixed numbers, so that messages survive an announcement: pose s o
 q * capacity + s - 1, and prior variables follow.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
-from fgplan.evaluation.incremental.candidate_table import motion_blocks
+from fgplan.evaluation.incremental.candidate_table import step_blocks
 from fgplan.evaluation.incremental.factor_blocks import (
     FactorBlocks,
+    StateSet,
+    merge,
     multi_robot_blocks,
+    no_blocks,
     observation_rows,
+    past_states_of,
     stack_rows,
+    states_of,
 )
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
 from fgplan.evaluation.problem import PlanningProblem
-from fgplan.paths.candidate_path import CandidatePath
+from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.typing import Covariance, FloatArray, IntArray, Key
 
 CANCELLATION_LIMIT = 1e-5
@@ -87,18 +92,14 @@ def path_blocks(
     problem: PlanningProblem, numbering: Numbering, path: CandidatePath
 ) -> InformationBlocks:
     """Blocks of an announced path's own factors: motion, landmarks, past poses of others."""
-    late, cross, early = motion_blocks(path)
-    steps = path.steps
-    number = numbering.pose(path.robot, 1) + np.arange(steps)
+    late, cross, early = step_blocks(path.poses[:-1], path.poses[1:], path.motion_covariances)
+    number = numbering.pose(path.robot, 1) + np.arange(path.steps)
     before = number - 1
     before[0] = numbering.prior(problem.start_keys[path.robot])
-    fixed = fixed_blocks(
-        problem,
-        numbering,
-        path.states(),
-        path.poses[1:],
-        [[o for o in path.observations if o.step == step] for step in range(1, steps + 1)],
-    )
+    seen: list[list[Observation]] = [[] for _ in range(path.steps)]
+    for observation in path.observations:
+        seen[observation.step - 1].append(observation)
+    fixed = fixed_blocks(problem, numbering, states_of(problem, [path]), seen)
     row, column, needed, blocks = _of_factors(fixed, number)
     return InformationBlocks(
         np.concatenate([number, number, before, row]),
@@ -111,35 +112,39 @@ def path_blocks(
 def fixed_blocks(
     problem: PlanningProblem,
     numbering: Numbering,
-    states: tuple,
-    poses: FloatArray,
-    observations: list,
+    own: StateSet,
+    observations: Sequence[Sequence[Observation]],
 ) -> FactorBlocks:
-    """Factors of some states that do not depend on announcements: landmarks and past poses."""
-    from fgplan.evaluation.incremental.factor_blocks import merge
+    """Factors of some states that do not depend on announcements: landmarks and past poses.
 
-    landmarks = stack_rows(
-        [
-            observation_rows(problem, state.pose, seen, numbering.prior)
-            for state, seen in zip(states, observations, strict=True)
-        ],
-        problem.dim,
-    )
-    past = [p for p in problem.past_states if p.state.robot != states[0].robot]
-    past = [p for p in past if p.key in numbering.prior_keys]
-    if not past:
-        return landmarks
-    variables = np.array([numbering.prior(p.key) for p in past], np.int64)
-    met = multi_robot_blocks(
-        problem,
-        states,
-        poses,
-        [p.state for p in past],
-        np.ascontiguousarray([p.state.pose for p in past]),
-        variables,
-        past=True,
-    )
-    return merge([landmarks, met])
+    Args:
+        problem: Prior, team and models.
+        numbering: Numbers of variables.
+        own: A states of one robot.
+        observations: Planned observations of landmarks from each.
+
+    Returns:
+        The table over the A states.
+    """
+    tables = []
+    if any(observations):
+        tables.append(
+            stack_rows(
+                [
+                    observation_rows(problem, pose, seen, numbering.prior)
+                    for pose, seen in zip(own.poses, observations, strict=True)
+                ],
+                problem.dim,
+            )
+        )
+    robot = numbering.robots[own.places[0]]
+    known = set(numbering.prior_keys)
+    past = [p for p in problem.past_states if p.state.robot != robot and p.key in known]
+    if past:
+        variables = np.array([numbering.prior(p.key) for p in past], np.int64)
+        others = past_states_of(problem, past)
+        tables.append(multi_robot_blocks(problem, own, others, variables, past=True))
+    return merge(tables) if tables else no_blocks(len(own.poses), problem.dim)
 
 
 def pair_blocks(
@@ -148,12 +153,7 @@ def pair_blocks(
     """Blocks of the multi-robot factors between two announced paths."""
     others = numbering.pose(second.robot, 1) + np.arange(second.steps)
     factors = multi_robot_blocks(
-        problem,
-        first.states(),
-        np.ascontiguousarray(first.poses[1:]),
-        second.states(),
-        np.ascontiguousarray(second.poses[1:]),
-        others,
+        problem, states_of(problem, [first]), states_of(problem, [second]), others
     )
     number = numbering.pose(first.robot, 1) + np.arange(first.steps)
     return InformationBlocks(*_of_factors(factors, number))
