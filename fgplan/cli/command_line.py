@@ -112,7 +112,12 @@ class _VersionAction(argparse.Action):
         values: object,
         option_string: str | None = None,
     ) -> None:
-        from importlib.metadata import version
+        from importlib.metadata import PackageNotFoundError, version
 
         del namespace, values, option_string
-        parser.exit(0, f"fgplan {version('fgplan')}\n")
+        try:
+            found = version("fgplan")
+        except PackageNotFoundError:
+            found = "from a checkout, not installed"
+        sys.stdout.write(f"fgplan {found}\n")
+        parser.exit(0)

@@ -39,7 +39,9 @@ def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
         if arguments.verb == "plot":
             from fgplan.cli.run_figures import draw_run_figures
 
-            return _print_lines(f"wrote {path}" for path in draw_run_figures(Path(arguments.folder)))
+            return _print_lines(
+                f"wrote {path}" for path in draw_run_figures(Path(arguments.folder))
+            )
         return _execute_work(arguments, words, progress)
     except (NoCandidatePathError, UnreachableError, NoRoadmapPathError) as error:
         return _fail(progress, f"fgplan: no feasible plan: {error}", NOT_MET)

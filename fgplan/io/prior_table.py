@@ -27,7 +27,6 @@ from fgplan.io.user_object import load_object
 from fgplan.paths.state import State
 from fgplan.typing import Key
 
-
 GAUGE_SIGMA = 1e-3
 """Standard deviation of a held pose where the scenario gives none: 1 mm and 1 mrad."""
 

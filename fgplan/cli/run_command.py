@@ -1,0 +1,144 @@
+"""``fgplan run SCENARIO``: read, plan, write the run folder, say what each robot chose."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from fgplan.cli.run_figures import draw_run_figures
+from fgplan.cli.run_recording import record_run
+from fgplan.errors import MissingExtraError
+from fgplan.io.command import CommandOptions, CommandOutcome
+from fgplan.io.mission_file import make_mission
+from fgplan.io.place import Place
+from fgplan.io.result_file import Requirement, require_true
+from fgplan.io.run_folder import copy_scenario, write_record
+from fgplan.io.scenario import Scenario
+from fgplan.io.scenario_file import read_scenario
+from fgplan.io.user_object import is_object_name, load_object
+from fgplan.planners.mission import Mission
+from fgplan.planners.plan import Plan, RobotPlan
+from fgplan.planners.planner import AbstractPlanner
+from fgplan.planners.registry import find_planner
+from fgplan.viz.ellipse import world_position_covariances
+
+QUICK_CANDIDATES = 8
+"""Candidate paths a robot with ``--quick``, at most."""
+
+
+def run_scenario(options: CommandOptions) -> CommandOutcome:
+    """Plan a scenario.
+
+    Args:
+        options: ``arguments["scenario"]`` is the file; ``seeds`` plans it with as many seeds, from
+            the scenario's on; figures show the first.
+
+    Returns:
+        Plans by seed under ``plans``.
+
+    Raises:
+        ScenarioError: If the scenario is wrong.
+        NoCandidatePathError: If a robot has no path.
+    """
+    path = Path(options.arguments["scenario"])
+    scenario = read_scenario(path)
+    planner = _find_planner(scenario, Place(path))
+    mission = make_mission(scenario, path)
+    if options.quick and "candidates" in mission.options:
+        fewer = min(QUICK_CANDIDATES, mission.options["candidates"])
+        mission = dataclasses.replace(mission, options={**mission.options, "candidates": fewer})
+    if options.out is not None:
+        copy_scenario(path, options.out)
+    seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
+    plans: list[Plan] = []
+    for seed in seeds:
+        seeded = dataclasses.replace(mission, seed=seed)
+        plans.append(planner.plan(seeded, np.random.default_rng(seed), options.progress))
+        options.record({"plans": [plan.to_data() for plan in plans]})
+    figures, note = _draw(mission, plans[0], options.out)
+    return CommandOutcome(
+        results={"plans": [plan.to_data() for plan in plans]},
+        requirements=_requirements(plans),
+        seeds=seeds,
+        summary=(*summary_lines(plans[0]), *_over_seeds(plans), *note),
+        figures=figures,
+    )
+
+
+def summary_lines(plan: Plan) -> list[str]:
+    """What was planned, a line a robot.
+
+    Args:
+        plan: The plan.
+
+    Returns:
+        Lines to print.
+    """
+    lines = [f"{plan.mission}: planner {plan.planner}, seed {plan.seed}"]
+    lines += [_robot_line(item) for item in plan.robots]
+    if plan.objective:
+        first, last = plan.objective[0].value, plan.objective[-1].value
+        count = len(plan.objective) - 1
+        lines.append(f"objective {first:.6g} -> {last:.6g} in {count} announcements")
+    if plan.seconds:
+        lines.append(
+            "seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in plan.seconds.items())
+        )
+    if not plan.agreed:
+        lines.append("the team did not come to an agreement")
+    return lines + [f"warning: {warning}" for warning in plan.warnings]
+
+
+def _robot_line(item: RobotPlan) -> str:
+    """What one robot is to do and what it will know."""
+    if item.path is None:
+        return f"  {item.robot}: stays"
+    line = f"  {item.robot}: candidate {item.candidate} of {item.candidates}"
+    line += f", {item.path.length_m:.1f} m in {item.path.times_s[-1]:.1f} s"
+    if len(item.covariances):
+        spread = world_position_covariances(item.poses, item.covariances)
+        sigma = np.sqrt(np.trace(spread[-1]))
+        line += f", position on arrival to {sigma:.3g} m (1 sigma)"
+    return line
+
+
+def _over_seeds(plans: list[Plan]) -> list[str]:
+    """The objective over all seeds, where there are several."""
+    values = [plan.value for plan in plans]
+    if len(values) == 1 or not np.isfinite(values).all():
+        return []
+    return [f"{len(values)} seeds: objective {min(values):.6g} to {max(values):.6g}"]
+
+
+def _requirements(plans: list[Plan]) -> tuple[Requirement, ...]:
+    """What every run must satisfy."""
+    rises = 0
+    for plan in plans:
+        values = np.array([item.value for item in plan.objective])
+        rises += int((np.diff(values) > 0.0).sum())
+    return (
+        require_true("agreed", all(plan.agreed for plan in plans)),
+        require_true("objective_never_rises", rises == 0),
+    )
+
+
+def _find_planner(scenario: Scenario, place: Place) -> AbstractPlanner:
+    """The planner that the scenario names; a user's own may lie beside the scenario."""
+    where = place.at("planner.name")
+    if is_object_name(scenario.planner_name):
+        load_object(scenario.planner_name, where)
+    with where.checking():
+        return find_planner(scenario.planner_name)
+
+
+def _draw(
+    mission: Mission, plan: Plan, folder: Path | None
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Record and figures; without matplotlib the record alone, and a note."""
+    if folder is None:
+        return (), ()
+    write_record(folder, record_run(mission, plan))
+    try:
+        return draw_run_figures(folder), ()
+    except MissingExtraError as error:
+        return (), (f"no figures: {error}",)

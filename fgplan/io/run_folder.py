@@ -1,0 +1,93 @@
+"""A run folder: the scenario, the result, the record that figures are drawn from, figures.
+
+scenario.toml (or .yaml)   copy of what was run
+result.json                fgplan/io/result_file.py; valid at any moment
+record.json                RunRecord: paths, covariances, joined states, map
+*.png                      figures; ``fgplan plot`` draws them again from record.json
+"""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from fgplan.errors import InvalidInputError
+from fgplan.io.plain_value import plain_value
+from fgplan.io.result_file import replace_file
+from fgplan.io.run_record import RunRecord
+
+RECORD = "record.json"
+
+
+def copy_scenario(scenario: Path, folder: Path) -> Path:
+    """Copy a scenario file into a run folder.
+
+    Args:
+        scenario: The file that is run.
+        folder: The run folder.
+
+    Returns:
+        The copy, ``scenario`` with the file's suffix.
+
+    Raises:
+        InvalidInputError: If it cannot be copied.
+    """
+    copy = folder / f"scenario{scenario.suffix}"
+    try:
+        if not (copy.exists() and copy.samefile(scenario)):
+            shutil.copyfile(scenario, copy)
+    except OSError as error:
+        raise InvalidInputError(f"{copy}: expected a place to write to: {error}") from error
+    return copy
+
+
+def write_record(folder: Path, record: RunRecord) -> Path:
+    """Write the record that figures are drawn from.
+
+    Args:
+        folder: The run folder.
+        record: What was planned.
+
+    Returns:
+        The file.
+
+    Raises:
+        InvalidInputError: If it cannot be written.
+    """
+    path = folder / RECORD
+    replace_file(path, msgspec.json.encode(plain_value(record)))
+    return path
+
+
+def read_record(folder: Path) -> RunRecord:
+    """Read the record of a run folder.
+
+    Args:
+        folder: A folder that ``fgplan run`` or a demo wrote.
+
+    Returns:
+        The record.
+
+    Raises:
+        InvalidInputError: If the folder has none, or it is not one.
+    """
+    path = folder / RECORD
+    try:
+        content = msgspec.json.decode(path.read_bytes())
+        return msgspec.convert(content, RunRecord, str_keys=True, dec_hook=_read_array)
+    except OSError as error:
+        raise InvalidInputError(
+            f"{path}: expected a run folder that fgplan run or fgplan demo wrote: {error}"
+        ) from error
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise InvalidInputError(f"{path}: expected the record of a run: {error}") from error
+
+
+def _read_array(kind: Any, value: Any) -> Any:  # noqa: ANN401 - msgspec's hook
+    """Nested lists to a read-only array of the type that is wanted."""
+    wanted = np.int64 if "int64" in str(kind) else np.float64
+    array = np.array(value, dtype=wanted)
+    array.setflags(write=False)
+    return array
