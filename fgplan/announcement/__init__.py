@@ -1,1 +1,1 @@
-"""What robots tell each other: the announcement on the wire, and the ledger of who announced what."""
+"""What robots tell each other: the announcement, and the ledger of who announced what."""

@@ -19,6 +19,7 @@ from fgplan.evaluation.objective import (
     Trajectory,
     TravelTimeTerm,
     UncertaintyTerm,
+    VariableSet,
 )
 
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
@@ -104,11 +105,13 @@ def term_of(data: TermData) -> Term:
             f"objective term {data.name!r} of robot {data.robot!r}: a user's own function does not "
             "travel; give every robot the same objective"
         )
-    of = {
-        "poses": PosesOf(data.robots),
-        "trajectory": Trajectory(data.robots[0] if data.robots else ""),
-        "prior_variables": PriorVariables(data.keys),
-    }[data.of]
+    of: VariableSet
+    if data.of == "poses":
+        of = PosesOf(data.robots)
+    elif data.of == "trajectory":
+        of = Trajectory(data.robots[0] if data.robots else "")
+    else:
+        of = PriorVariables(data.keys)
     return UncertaintyTerm(
         of=of,
         function=data.function,

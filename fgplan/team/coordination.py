@@ -2,10 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from fgplan.announcement.announcement import Announcement, Sender, goal_of
+from fgplan.announcement.announcement import Sender, goal_of
 from fgplan.announcement.term_data import terms_of
 from fgplan.errors import StaleAnnouncementError, UnknownNameError
 from fgplan.evaluation.evaluations import AbstractEvaluator
@@ -160,10 +161,8 @@ def _agreement(
         warnings.append(f"no agreement within {options.max_turns} turns")
     first = furthest.first_value
     values = [np.nan if first is None else first]
-    for message in ledger.messages:
-        if isinstance(message, Announcement) and message.value is not None:
-            values.append(message.value)
-    rises = sum(b > a + 1e-9 * abs(a) for a, b in zip(values, values[1:], strict=False))
+    values += [item.value for item in ledger.history if item.value is not None]
+    rises = sum(after > before + 1e-9 * abs(before) for before, after in pairwise(values))
     if rises:
         warnings.append(
             f"the common objective rose {rises} times: robots announced without a basis, or the "

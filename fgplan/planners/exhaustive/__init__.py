@@ -1,0 +1,1 @@
+"""Exhaustive: every combination of candidate paths of a small team."""

@@ -1,0 +1,1 @@
+"""Impacted paths: announced candidate paths, best response until nobody changes."""

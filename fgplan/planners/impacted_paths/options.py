@@ -1,0 +1,143 @@
+"""Options of the planners that choose among candidate paths, each with its default."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal, TypeVar, get_args
+
+from fgplan.checks import check_not_negative, check_positive
+from fgplan.errors import InvalidInputError, UnknownNameError
+from fgplan.team.options import CoordinationOptions, Order, WithoutPath
+from roadmaps import PathMethod
+
+RoadmapKind = Literal["prm", "rrg"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CandidateOptions:
+    """How candidate paths are made.
+
+    Attributes:
+        candidates: Number of candidate paths a robot, at most.
+        roadmap: ``prm``, one for the team; or ``rrg``, one a robot and leg.
+        paths: Way of searching: ``penalty``, ``perturbed`` or ``shortest``.
+        vertices: Vertices of the PRM, or samples of each RRG.
+        neighbours: Nearest vertices that a PRM tries to join.
+        step_m: Longest edge of an RRG, metres; None takes a twentieth of the workspace's diagonal.
+        spacing_m: Greatest distance of consecutive poses, metres; None adds none along edges.
+        max_length_m: Longer candidates are left out, metres; None keeps all.
+    """
+
+    candidates: int = 50
+    roadmap: RoadmapKind = "prm"
+    paths: PathMethod = "penalty"
+    vertices: int = 400
+    neighbours: int = 10
+    step_m: float | None = None
+    spacing_m: float | None = None
+    max_length_m: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        _check_name("roadmap", self.roadmap, get_args(RoadmapKind))
+        _check_name("paths", self.paths, get_args(PathMethod))
+        for name in ("candidates", "vertices", "neighbours"):
+            _check_count(name, getattr(self, name))
+        for name in ("step_m", "spacing_m", "max_length_m"):
+            if getattr(self, name) is not None:
+                check_positive(getattr(self, name), f"planner option {name}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImpactedPathsOptions(CandidateOptions):
+    """Options of the planner ``impacted_paths``.
+
+    Attributes:
+        evaluator: Name of the evaluator, or ``module:object`` of a user's own.
+        choose: Whether the evaluator may choose by bounds if it can.
+        order: Order of turns: ``fixed`` or ``random``.
+        tolerance: Relative fall of the objective that is worth an announcement.
+        without_path: A robot without candidates: ``refuse`` to plan, or it may ``stay``.
+        max_turns: Turns after which the team gives up.
+        session: Number of the planning session.
+        seed: Seed of the random order; None takes the mission's.
+        covariances: Whether to compute the covariance of every pose of the plan.
+    """
+
+    evaluator: str = "incremental"
+    choose: bool = True
+    order: Order = "fixed"
+    tolerance: float = 1e-6
+    without_path: WithoutPath = "refuse"
+    max_turns: int = 10_000
+    session: int = 0
+    seed: int | None = None
+    covariances: bool = True
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        CandidateOptions.__post_init__(self)
+        _check_name("order", self.order, get_args(Order))
+        _check_name("without_path", self.without_path, get_args(WithoutPath))
+        _check_count("max_turns", self.max_turns)
+        check_not_negative(self.tolerance, "planner option tolerance")
+        for name in ("choose", "covariances"):
+            if not isinstance(getattr(self, name), bool):
+                raise InvalidInputError(
+                    f"planner option {name}: expected true or false, got {getattr(self, name)!r}"
+                )
+
+    def coordination(self, mission_seed: int, *, exact: bool) -> CoordinationOptions:
+        """How the team comes to agree."""
+        return CoordinationOptions(
+            order=self.order,
+            seed=mission_seed if self.seed is None else self.seed,
+            check_values=exact,
+            tolerance=self.tolerance,
+            choose=self.choose,
+            without_path=self.without_path,
+            max_turns=self.max_turns,
+            session=self.session,
+        )
+
+
+Options = TypeVar("Options", bound=CandidateOptions)
+
+
+def read_options(kind: type[Options], given: Mapping[str, Any], planner: str) -> Options:
+    """Options from a scenario.
+
+    Args:
+        kind: Class of the options.
+        given: By name, as the scenario gives them.
+        planner: Name of the planner, for the message.
+
+    Returns:
+        The options, with defaults where none is given.
+
+    Raises:
+        UnknownNameError: If an option is not known; lists those that are.
+        InvalidInputError: If a value is not usable; names the option.
+    """
+    known = [option.name for option in fields(kind)]
+    for name in given:
+        if name not in known:
+            raise UnknownNameError(
+                f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
+            )
+    return kind(**given)
+
+
+def _check_name(option: str, value: object, allowed: tuple[str, ...]) -> None:
+    """Refuse a name that is not one of those allowed."""
+    if value not in allowed:
+        raise InvalidInputError(
+            f"planner option {option}: expected one of {', '.join(allowed)}, got {value!r}"
+        )
+
+
+def _check_count(option: str, value: object) -> None:
+    """Refuse what is not a whole number of at least one."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise InvalidInputError(
+            f"planner option {option}: expected a whole number of at least 1, got {value!r}"
+        )

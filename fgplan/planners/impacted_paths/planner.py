@@ -1,0 +1,205 @@
+"""The planner of Regev and Indelman 2017: announced paths, best response until nobody changes.
+
+Roadmap, candidate paths, then turns: each robot announces the candidate that lowers the common
+objective given what the others have announced. The end is a point from which nobody improves
+alone; it depends on the order of turns and is not always the team's optimum (the planner
+``exhaustive`` gives that for small teams).
+"""
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fgplan.beliefs.candidate_belief import candidate_belief
+from fgplan.evaluation.evaluations import ReevaluationReport
+from fgplan.evaluation.problem import PlanningProblem
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.planners.impacted_paths.candidates import CandidateSets, candidate_sets
+from fgplan.planners.impacted_paths.evaluators import INEXACT, find_evaluator
+from fgplan.planners.impacted_paths.options import ImpactedPathsOptions, read_options
+from fgplan.planners.mission import Mission
+from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
+from fgplan.planners.planner import Progress
+from fgplan.team.agreement import Agreement
+from fgplan.team.coordination import coordinate
+from fgplan.team.robot import TurnRecord
+from fgplan.typing import FloatArray
+
+
+class ImpactedPathsPlanner:
+    """Planner ``impacted_paths``; its options are ``ImpactedPathsOptions``."""
+
+    name = "impacted_paths"
+
+    def plan(
+        self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
+    ) -> Plan:
+        """Plan by announcements until nobody changes.
+
+        Args:
+            mission: What is given.
+            generator: Source of every random number.
+            progress: Told how far it is.
+
+        Returns:
+            The plan; ``agreed`` is False if turns ran out.
+
+        Raises:
+            NoCandidatePathError: If a robot has no candidate and may not stay; names it.
+            UnknownNameError: If an option, evaluator or sensor is not known.
+            InvalidInputError: If an option has a value that is not usable.
+        """
+        tell = progress or _silent
+        options = read_options(ImpactedPathsOptions, mission.options, self.name)
+        evaluator = find_evaluator(options.evaluator)
+        tell(0, 0, "candidate paths")
+        began = time.perf_counter()
+        sets = candidate_sets(mission, options, generator, without_path=options.without_path)
+        candidates_s = time.perf_counter() - began
+
+        def hear(record: TurnRecord) -> None:
+            """Pass progress on."""
+            tell(record.turn, 0, "turns")
+
+        agreement = coordinate(
+            sets.problem,
+            sets.candidates,
+            evaluator,
+            options=options.coordination(mission.seed, exact=options.evaluator not in INEXACT),
+            goals={r.name: r.goals[-1] for r in mission.robots if len(r.goals)},
+            progress=None if progress is None else hear,
+        )
+        tell(agreement.turns, agreement.turns, "turns")
+        began = time.perf_counter()
+        known: dict[str, FloatArray] = {}
+        if options.covariances:
+            known = pose_covariances(sets.problem, agreement.paths)
+        covariances_s = time.perf_counter() - began
+        return Plan(
+            planner=self.name,
+            mission=mission.name,
+            scenario_digest=mission.digest,
+            seed=mission.seed,
+            robots=robot_plans(mission, sets, agreement.paths, agreement.chosen, known),
+            agreed=agreement.agreed,
+            objective=objective_values(agreement),
+            report=report_counts(agreement),
+            traffic={
+                kind: dataclasses.asdict(counts) for kind, counts in agreement.traffic.kinds.items()
+            },
+            seconds={
+                "candidates": candidates_s,
+                **agreement.seconds,
+                "covariances": covariances_s,
+            },
+            warnings=(*_reasons(sets), *agreement.warnings),
+            options=dataclasses.asdict(options),
+            details={"turns": [turn_data(record) for record in agreement.records]},
+        )
+
+
+def robot_plans(
+    mission: Mission,
+    sets: CandidateSets,
+    paths: Mapping[str, CandidatePath],
+    chosen: Mapping[str, int],
+    covariances: Mapping[str, FloatArray],
+) -> tuple[RobotPlan, ...]:
+    """Plan of each robot, in the order of the team."""
+    return tuple(
+        RobotPlan(
+            robot=robot.name,
+            start=mission.prior.pose(robot.start_key),
+            path=paths.get(robot.name),
+            covariances=covariances.get(robot.name, np.zeros((0, 0, 0))),
+            goals=robot.goals,
+            candidate=chosen.get(robot.name, -1),
+            candidates=len(sets.candidates[robot.name]),
+        )
+        for robot in mission.robots
+    )
+
+
+def pose_covariances(
+    problem: PlanningProblem, paths: Mapping[str, CandidatePath]
+) -> dict[str, FloatArray]:
+    """Covariance of every pose of a team's plan, every path followed to its end.
+
+    Args:
+        problem: Prior, team and models.
+        paths: Path of each robot that has one.
+
+    Returns:
+        By robot, shape (L + 1, d, d), tangent of each pose; one for a robot without a path.
+    """
+    joint = candidate_belief(problem, paths)
+    marginals = joint.belief().marginal_covariances(
+        [key for keys in joint.keys.values() for key in keys]
+    )
+    return {robot: np.array([marginals[key] for key in keys]) for robot, keys in joint.keys.items()}
+
+
+def objective_values(agreement: Agreement) -> tuple[ObjectiveValue, ...]:
+    """Common objective by accepted announcement, from the end of round 0."""
+    announcers = [item.robot for item in agreement.ledger.history if item.value is not None]
+    return tuple(
+        ObjectiveValue(place, robot, value)
+        for place, (robot, value) in enumerate(
+            zip(["", *announcers], agreement.values, strict=True)
+        )
+    )
+
+
+def report_counts(agreement: Agreement) -> dict[str, int]:
+    """Counts of the work of all robots on all turns."""
+    counts = {
+        "turns": agreement.turns,
+        "announcements": len(agreement.values) - 1,
+        "evaluations": agreement.evaluations,
+        "stale": agreement.stale,
+    }
+    reports = [record.decision.report for record in agreement.records if record.decision]
+    for item in dataclasses.fields(ReevaluationReport):
+        values = [getattr(report, item.name) for report in reports]
+        if item.name == "bytes_held":
+            counts[item.name] = max(values, default=0)
+        elif item.name != "notes":
+            counts[item.name] = sum(len(v) if isinstance(v, tuple) else int(v) for v in values)
+    return counts
+
+
+def turn_data(record: TurnRecord) -> dict[str, Any]:
+    """One turn as plain data."""
+    data: dict[str, Any] = {
+        "turn": record.turn,
+        "robot": record.robot,
+        "announced": record.announced,
+        "evaluated": record.decision is not None,
+    }
+    if record.decision is not None:
+        found = record.decision
+        data |= {
+            "candidate": found.index,
+            "value": found.value,
+            "incumbent": found.incumbent,
+            "incumbent_value": found.incumbent_value,
+            "seconds": found.seconds,
+            "impacted": list(found.report.impacted),
+            "untouched": list(found.report.untouched),
+            "skipped": len(found.report.skipped),
+            "notes": list(found.report.notes),
+        }
+    return data
+
+
+def _reasons(sets: CandidateSets) -> tuple[str, ...]:
+    """Why robots stay."""
+    return tuple(f"robot {robot!r} stays: {reason}" for robot, reason in sets.reasons.items())
+
+
+def _silent(done: int, total: int, doing: str) -> None:
+    """Say nothing."""
+    del done, total, doing

@@ -1,0 +1,47 @@
+"""What every planner offers: a mission in, a plan out.
+
+A planner is stateless: what it draws comes from the generator that it is given, so the same seed
+gives the same plan on the same machine and versions.
+"""
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from fgplan.planners.mission import Mission
+from fgplan.planners.plan import Plan
+
+Progress = Callable[[int, int, str], None]
+"""Called as ``progress(done, total, doing)``; total is 0 where it is not known."""
+
+
+@runtime_checkable
+class AbstractPlanner(Protocol):
+    """One way of planning for a team.
+
+    Attributes:
+        name: Name in scenario files and results.
+    """
+
+    name: str
+
+    def plan(
+        self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
+    ) -> Plan:
+        """Plan for every robot of a mission.
+
+        Args:
+            mission: What is given; ``mission.options`` are this planner's.
+            generator: Source of every random number.
+            progress: Told how far it is.
+
+        Returns:
+            The plan.
+
+        Raises:
+            NoCandidatePathError: If there is no feasible plan; names the robot.
+            UnknownNameError: If an option is not known; lists those that are.
+            InvalidInputError: If an option has a value that is not usable.
+        """
+        ...
