@@ -13,21 +13,35 @@ there are reflected, and the row with the largest entry leads. The others are ch
 half of the leading row's part that they share, so a weak row is not drowned in the rounding of a
 strong one; sorting rows once at the start would not survive the mixing of fronts.
 
-Rank: a column whose pivot falls below RANK_TOLERANCE of the largest entry that the whole graph has
-in that column holds nothing but rounding. It gets no pivot, and its key is reported.
+Rank. A pivot below RANK_TOLERANCE of the largest entry that the graph has in its column is
+rounding: no pivot. Larger pivots may be rounding too, in large graphs with long levers, so every
+suspicious one is tested: with R n = 0 but for that pivot, where n = 1, the pivot is |A n|, and
+
+    pivot / | |A| |n| |    (about 3e-16 on Victoria Park without a prior)
+
+is the relative change of the entries of A that would leave n without any information. Below
+SINGULAR_DISTANCE the variable counts as not determined, and elimination is repeated with that
+column held to have no pivot. Its key is reported.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
-from fgplan.beliefs.square_root import RANK_TOLERANCE, SquareRootFactor
+from fgplan.beliefs.square_root import RANK_TOLERANCE, SINGULAR_DISTANCE, SquareRootFactor
 from fgplan.beliefs.whitened_rows import WhitenedRows, whitened_rows
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.factors.boundary import gtsam_boundary
 from fgplan.factors.keys import describe_keys
-from fgplan.typing import Key
+from fgplan.typing import FloatArray, IntArray, Key
+
+_SUSPICIOUS = 1e-5
+"""Pivots below this part of their column's largest entry are tested, the smallest first."""
+
+_TESTED = 24
+"""At most so many pivots are tested."""
 
 
 def elimination_order(
@@ -106,8 +120,10 @@ def eliminate(
     largest = np.zeros(int(rows.dims.sum()))
     np.maximum.at(largest, rows.columns, np.abs(rows.entries))
     scalar_start = np.cumsum(dims) - dims
-    tolerance = np.empty_like(largest)
-    tolerance[scalar_start[place_of[column_key]] + offsets] = RANK_TOLERANCE * largest
+    place_of_scalar = scalar_start[place_of[column_key]] + offsets
+    scale = np.empty_like(largest)
+    scale[place_of_scalar] = largest
+    tolerance = RANK_TOLERANCE * scale
 
     # Rows sorted by the first of their variables in the order; rows of zeros say nothing.
     entry_place = place_of[column_key[rows.columns]]
@@ -128,18 +144,24 @@ def eliminate(
     parent, separator_start, separators = find_separators(
         row_start, entry_start, entry_place, len(order)
     )
-    value_start, values, deficient = eliminate_rows(
-        dims,
-        row_start,
-        entry_start,
-        entry_place,
-        offsets[rows.columns[taken]],
-        rows.entries[taken],
-        parent,
-        separator_start,
-        separators,
-        tolerance,
-    )
+    while True:
+        value_start, values, deficient = eliminate_rows(
+            dims,
+            row_start,
+            entry_start,
+            entry_place,
+            offsets[rows.columns[taken]],
+            rows.entries[taken],
+            parent,
+            separator_start,
+            separators,
+            tolerance,
+        )
+        blocks = _Blocks(dims, separator_start, separators, value_start, values)
+        free = _first_free_scalar(blocks, scale, rows, place_of_scalar)
+        if free is None:
+            break
+        tolerance[free] = np.inf
     return SquareRootFactor(
         keys=order,
         dims=dims,
@@ -153,3 +175,36 @@ def eliminate(
         values=values,
         position=position,
     )
+
+
+class _Blocks(NamedTuple):
+    """Block rows of R as the kernels take them."""
+
+    dims: IntArray
+    separator_start: IntArray
+    separators: IntArray
+    value_start: IntArray
+    values: FloatArray
+
+
+def _first_free_scalar(
+    blocks: _Blocks, scale: FloatArray, rows: WhitenedRows, place_of_scalar: IntArray
+) -> int | None:
+    """First scalar in elimination order whose pivot is indistinguishable from zero."""
+    from fgplan.beliefs.marginal_kernels import null_direction
+
+    dims = blocks.dims
+    position = np.repeat(np.arange(dims.size), dims)
+    scalar = np.arange(position.size) - np.repeat(np.cumsum(dims) - dims, dims)
+    width = np.diff(blocks.value_start) // np.maximum(dims, 1)
+    pivots = blocks.values[blocks.value_start[position] + scalar * (width[position] + 1)]
+    suspicious = np.flatnonzero((pivots > 0.0) & (pivots < _SUSPICIOUS * scale))
+    worst = np.argsort(pivots[suspicious] / scale[suspicious], kind="stable")[:_TESTED]
+    row_of_entry = np.repeat(np.arange(rows.right_hand_side.size), np.diff(rows.row_start))
+    for place in np.sort(suspicious[worst]):
+        direction = null_direction(*blocks, position[place], scalar[place])
+        terms = np.abs(rows.entries * direction[place_of_scalar[rows.columns]])
+        sums = np.bincount(row_of_entry, terms)
+        if pivots[place] < SINGULAR_DISTANCE * float(np.linalg.norm(sums)):
+            return int(place)
+    return None

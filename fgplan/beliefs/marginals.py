@@ -33,7 +33,7 @@ def marginal_covariances(
         UnknownNameError: If a key is not in the graph.
         IllPosedBeliefError: If elimination found a variable that is not determined.
     """
-    from fgplan.beliefs.square_root_kernels import recover_covariances
+    from fgplan.beliefs.marginal_kernels import recover_covariances
 
     factor.check_determined()
     wanted = factor.keys if keys is None else tuple(keys)

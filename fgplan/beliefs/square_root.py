@@ -19,8 +19,11 @@ from fgplan.errors import IllPosedBeliefError, UnknownNameError
 from fgplan.factors.keys import describe_keys
 from fgplan.typing import FloatArray, IntArray, Key
 
-RANK_TOLERANCE = 1e-11
-"""Smallest pivot, relative to the largest entry of its column in the graph."""
+RANK_TOLERANCE = 1e-14
+"""A pivot below this part of the largest entry of its column in the graph is rounding."""
+
+SINGULAR_DISTANCE = 1e-13
+"""A variable is not determined if changing every entry by this part could make it so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,9 +132,9 @@ class SquareRootFactor:
         """
         if self.deficient:
             raise IllPosedBeliefError(
-                f"{self.deficiency} directions are not determined by the factors, found at "
-                f"{describe_keys(self.deficient)} (numerical rank, pivot below "
-                f"{RANK_TOLERANCE:g} of its column); add the missing factor"
+                f"{self.deficiency} direction(s) not determined by the factors, found at "
+                f"{describe_keys(self.deficient)}: changing every entry of the graph by a part in "
+                f"{1 / SINGULAR_DISTANCE:.0e} would make them free; add the missing factor"
             )
 
     def _positions(self, keys: Sequence[Key]) -> IntArray:
@@ -147,7 +150,7 @@ class SquareRootFactor:
 
     def _solve_transposed(self, positions: IntArray) -> FloatArray:
         """R^-T E, rows of ancestors only."""
-        from fgplan.beliefs.square_root_kernels import solve_transposed
+        from fgplan.beliefs.marginal_kernels import solve_transposed
 
         return solve_transposed(
             self.dims,

@@ -102,3 +102,13 @@ def test_precise_odometry_under_any_prior(prior):
 def test_two_thousand_spatial_poses():
     sigmas = (0.01, 0.01, 0.01, 0.02, 0.02, 0.02)
     check_chain(spatial_chain(2000, sigmas, (1e-3,) * 6), [0, 3, 1000, 1999])
+
+
+@pytest.mark.parametrize("odometry", [(1e-6, 1e-6, 1e-8), (1e-6, 1e-6, 0.5), (10.0, 10.0, 1e-8)])
+@pytest.mark.parametrize("prior", [(1e-6, 1e-6, 1e-6), (1e3, 1e3, 3.0), (1e3, 1e3, 1e-6)])
+def test_extreme_scales_are_neither_flagged_nor_wrong(odometry, prior):
+    graph, values, _, covariances = planar_chain(60, odometry, prior)
+    factor = eliminate_graph(graph.linearize(values))
+    assert factor.deficient == ()
+    for key in (0, 20, 59):
+        assert worst(factor.covariance([key]), covariances[key]) < 1e-9

@@ -161,7 +161,7 @@ def test_deficiency_is_reported_by_key_and_raised_when_read():
     assert (factor.deficient, factor.deficiency) == ((2,), 1)
     assert factor.information_rows()[0].shape == (0, 0)
     for read in (lambda: factor.covariance([8]), lambda: marginal_covariances(factor)):
-        with pytest.raises(IllPosedBeliefError, match=r"1 directions .* found at 2 "):
+        with pytest.raises(IllPosedBeliefError, match=r"1 direction\(s\) .* found at 2: "):
             read()
 
 
