@@ -13,7 +13,7 @@ there are reflected, and the row with the largest entry leads. The others are ch
 half of the leading row's part that they share, so a weak row is not drowned in the rounding of a
 strong one; sorting rows once at the start would not survive the mixing of fronts.
 
-Rank. A pivot below RANK_TOLERANCE of the largest entry that the graph has in its column is
+Rank. A pivot below ROUNDING_TOLERANCE of the largest entry that the graph has in its column is
 rounding: no pivot. Larger pivots may be rounding too, in large graphs with long levers, so every
 suspicious one is tested: with R n = 0 but for that pivot, where n = 1, the pivot is |A n|, and
 
@@ -30,7 +30,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from fgplan.beliefs.square_root import RANK_TOLERANCE, SINGULAR_DISTANCE, SquareRootFactor
+from fgplan.beliefs.square_root import ROUNDING_TOLERANCE, SINGULAR_DISTANCE, SquareRootFactor
 from fgplan.beliefs.whitened_rows import WhitenedRows, whitened_rows
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.factors.boundary import gtsam_boundary
@@ -123,7 +123,7 @@ def eliminate(
     place_of_scalar = scalar_start[place_of[column_key]] + offsets
     scale = np.empty_like(largest)
     scale[place_of_scalar] = largest
-    tolerance = RANK_TOLERANCE * scale
+    tolerance = ROUNDING_TOLERANCE * scale
 
     # Rows sorted by the first of their variables in the order; rows of zeros say nothing.
     entry_place = place_of[column_key[rows.columns]]

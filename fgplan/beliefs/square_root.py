@@ -19,8 +19,11 @@ from fgplan.errors import IllPosedBeliefError, UnknownNameError
 from fgplan.factors.keys import describe_keys
 from fgplan.typing import FloatArray, IntArray, Key
 
-RANK_TOLERANCE = 1e-14
+ROUNDING_TOLERANCE = 1e-14
 """A pivot below this part of the largest entry of its column in the graph is rounding."""
+
+RANK_TOLERANCE = 1e-11
+"""The same for a dense QR that has no second test (fgplan/beliefs/from_scratch.py): cautious."""
 
 SINGULAR_DISTANCE = 1e-13
 """A variable is not determined if changing every entry by this part could make it so."""
@@ -185,7 +188,7 @@ def triangular(rows: FloatArray) -> FloatArray:
     from fgplan.beliefs.square_root_kernels import triangularise
 
     work = np.array(rows, dtype=np.float64, order="C")
-    limits = RANK_TOLERANCE * np.abs(work).max(axis=0, initial=0.0)
+    limits = ROUNDING_TOLERANCE * np.abs(work).max(axis=0, initial=0.0)
     pivot = triangularise(work, limits)
     square = np.zeros((work.shape[1], work.shape[1]))
     has_pivot = pivot >= 0
