@@ -18,15 +18,16 @@ With Z = L^-1 Y', t = L^-1 Psi_ck, w = L^-1 e_s for a pose s that is read, the m
     T = -Z't            how e moves with x_k
     Theta_s = -w't,  G_s = w'Z,  E_ss = w'w      the same for the pose that is read.
 
-C may have fewer columns than rows (range-only, bearing-only): pivoted Cholesky gives it. Nothing
-here is subtracted that was added, except Y'Y inside Psi; where that cancels, the message is
-flagged and the path is evaluated by QR.
+C may have fewer columns than rows (range-only, bearing-only): pivoted Cholesky gives it. Where it
+is square, e_v is multiplied by C'^-1 - then it measures x_v itself, N holds D^-1 in place of I, and
+nobody who uses the message has to multiply S by C. Nothing here is subtracted that was added,
+except Y'Y inside Psi; where that cancels, the message is flagged and the path is evaluated by QR.
 """
 
 import numpy as np
 from numba import njit
 
-from fgplan.evaluation.incremental.cholesky_kernels import cholesky
+from fgplan.evaluation.incremental.cholesky_kernels import cholesky_skyline, inverse_skyline
 from fgplan.typing import FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-13
@@ -141,6 +142,94 @@ def _split(big, y, y_row, size, rows, lo, hi, c_out, z_out, z_row):
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
+def _subtract_square(psi, merged, first):
+    """Psi -= Y'Y, lower triangle, from the first column of each row on."""
+    total = merged.shape[0]
+    if total == 0:
+        return
+    if total > 24:
+        square = np.dot(merged.T, merged)
+        for i in range(psi.shape[0]):
+            for j in range(first[i], i + 1):
+                psi[i, j] -= square[i, j]
+        return
+    for r in range(total):
+        row = merged[r]
+        for i in range(psi.shape[0]):
+            value = row[i]
+            if value != 0.0:
+                target = psi[i]
+                for j in range(first[i], i + 1):
+                    target[j] -= value * row[j]
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _motion_information(late, cross, early, length):
+    """Psi of the motion factors alone: block tridiagonal, lower triangle."""
+    d = late.shape[1]
+    psi = np.zeros((length * d, length * d))
+    for i in range(length):
+        for a in range(d):
+            for b in range(d):
+                psi[i * d + a, i * d + b] = late[i, a, b]
+                if i + 1 < length:
+                    psi[i * d + a, i * d + b] += early[i + 1, a, b]
+                if i > 0:
+                    psi[i * d + a, (i - 1) * d + b] = cross[i, a, b]
+    return psi
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _measure_variables(c, first, rank, size, z, noise, offset):
+    """Multiply the rows of a slot by C'^-1 where C is square, and add their own noise to N."""
+    total = z.shape[0]
+    if rank < size:
+        for r in range(first, first + rank):
+            noise[offset + r * total + r] = 1.0
+        return
+    # C has the rows of a lower triangle in pivoted order: its inverse by elimination with pivots
+    work = np.zeros((size, 2 * size))
+    for a in range(size):
+        for b in range(size):
+            work[a, b] = c[b, a]
+        work[a, size + a] = 1.0
+    for k in range(size):
+        pivot = k
+        for a in range(k, size):
+            if abs(work[a, k]) > abs(work[pivot, k]):
+                pivot = a
+        for b in range(2 * size):
+            swap = work[k, b]
+            work[k, b] = work[pivot, b]
+            work[pivot, b] = swap
+        scale = 1.0 / work[k, k]
+        for b in range(2 * size):
+            work[k, b] *= scale
+        for a in range(size):
+            if a != k:
+                weight = work[a, k]
+                for b in range(2 * size):
+                    work[a, b] -= weight * work[k, b]
+    fresh = np.zeros((size, z.shape[1]))
+    for a in range(size):
+        for b in range(size):
+            weight = work[a, size + b]
+            for j in range(z.shape[1]):
+                fresh[a, j] += weight * z[first + b, j]
+    for a in range(size):
+        for j in range(z.shape[1]):
+            z[first + a, j] = fresh[a, j]
+        for b in range(a + 1):
+            entry = 0.0
+            for k in range(size):
+                entry += work[a, size + k] * work[b, size + k]
+            noise[offset + (first + a) * total + first + b] = entry
+    c[:, :] = 0.0
+    for a in range(size):
+        c[a, a] = 1.0
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
 def build_messages(
     candidates, lengths, states, motion_late, motion_cross, motion_early,
     fixed_pointer, fixed_variable, fixed_rank, fixed_own, fixed_cross, fixed_other,
@@ -192,23 +281,13 @@ def build_messages(
     big = np.empty((most + 1, d, d))
     y = np.empty(((most + 1) * d, longest * d))
     zt = np.empty(((most + 1) * d, longest * d))
-    psi = np.empty((longest * d, longest * d))
     before = np.empty(longest * d)
-    tk = np.empty((longest * d, d))
-    w = np.empty((longest * d, p * d))
+    first = np.empty(longest * d, np.int64)
     for n in range(candidates.shape[0]):
         c = candidates[n]
         length = lengths[n]
         q = length * d
-        psi[:q, :q] = 0.0
-        for i in range(length):
-            for a in range(d):
-                for b in range(d):
-                    psi[i * d + a, i * d + b] = motion_late[c, i, a, b]
-                    if i + 1 < length:
-                        psi[i * d + a, i * d + b] += motion_early[c, i + 1, a, b]
-                    if i > 0:
-                        psi[i * d + a, (i - 1) * d + b] = motion_cross[c, i, a, b]
+        psi = _motion_information(motion_late[c], motion_cross[c], motion_early[c], length)
         count = 0
         for i in range(length):
             s = states[c, i]
@@ -224,103 +303,71 @@ def build_messages(
         for j in range(q):
             before[j] = psi[j, j]
         good = True
-        total_rows = 0
+        total = 0
+        for i in range(q):
+            first[i] = max((i // d - 1) * d, 0)
         for slot in range(count):
             lo, hi = low[slot] * d, high[slot] * d
+            for i in range(lo, hi):
+                first[i] = min(first[i], lo)
             place = slot_pointer[n] + slot
-            zt[total_rows : total_rows + d, :q] = 0.0
+            zt[total : total + d, :q] = 0.0
             slot_c[place, :, :] = 0.0
             rank, fine = _split(
                 big[slot], y, slot * d, width[touched[slot]], rows[slot], lo, hi,
-                slot_c[place], zt, total_rows,
+                slot_c[place], zt, total,
             )  # fmt: skip
             good = good and fine
             slot_variable[place] = touched[slot]
-            slot_row[place] = total_rows
+            slot_row[place] = total
             slot_rank[place] = rank
-            for r in range(total_rows, total_rows + rank):
-                row = zt[r]
-                for i in range(lo, hi):
-                    value = row[i]
-                    if value != 0.0:
-                        target = psi[i]
-                        for j in range(lo, i + 1):
-                            target[j] -= value * row[j]
             slot_of[touched[slot]] = -1
-            low[slot] = total_rows
-            high[slot] = lo
-            total_rows += rank
-        row_count[n] = total_rows
-        if not cholesky(psi, q):
-            sound[n] = 0
+            total += rank
+        row_count[n] = total
+        merged = zt[:total, :q].copy()
+        _subtract_square(psi, merged, first)
+        sound[n] = 0
+        if not cholesky_skyline(psi, first):
             continue
         for j in range(q):
             if psi[j, j] * psi[j, j] < CANCELLATION_LIMIT * before[j]:
                 good = False
         sound[n] = 1 if good else 0
-        for slot in range(count):
-            lo = high[slot]
-            stop = low[slot + 1] if slot + 1 < count else total_rows
-            for r in range(low[slot], stop):
-                row = zt[r]
-                for i in range(lo, q):
-                    factor = psi[i]
-                    total = row[i]
-                    for j in range(lo, i):
-                        total -= factor[j] * row[j]
-                    row[i] = total / factor[i]
-        for b in range(d):
-            for i in range(q):
-                total = motion_cross[c, 0, i, b] if i < d else 0.0
-                for j in range(i):
-                    total -= psi[i, j] * tk[j, b]
-                tk[i, b] = total / psi[i, i]
-        for k in range(p):
-            base = (read_steps[n, k] - 1) * d
+        inverse = inverse_skyline(psi, first)
+        reads = np.empty((q, d + p * d))
+        # t = L^-1 Psi_ck (here with its sign) and w = L^-1 e_s: columns of L^-1, combined or picked
+        for i in range(q):
             for b in range(d):
-                column_w = k * d + b
-                for i in range(base):
-                    w[i, column_w] = 0.0
-                for i in range(base, q):
-                    total = 1.0 if i == base + b else 0.0
-                    for j in range(base, i):
-                        total -= psi[i, j] * w[j, column_w]
-                    w[i, column_w] = total / psi[i, i]
-        z = zt[:total_rows, :q].copy()
+                entry = 0.0
+                for j in range(min(i + 1, d)):
+                    entry -= inverse[i, j] * motion_cross[c, 0, j, b]
+                reads[i, b] = entry
+            for k in range(p):
+                base = (read_steps[n, k] - 1) * d
+                for b in range(d):
+                    reads[i, d + k * d + b] = inverse[i, base + b]
+        z = np.dot(merged, inverse.T)
         offset = noise_pointer[n]
-        if total_rows > 24:
-            product = np.dot(z, z.T)
-            for a in range(total_rows):
-                for b in range(a + 1):
-                    noise[offset + a * total_rows + b] = product[a, b]
-                noise[offset + a * total_rows + a] += 1.0
-        else:
-            for a in range(total_rows):
-                for b in range(a + 1):
-                    total = 1.0 if a == b else 0.0
-                    for j in range(q):
-                        total += z[a, j] * z[b, j]
-                    noise[offset + a * total_rows + b] = total
+        noise[offset : offset + total * total] = 0.0
+        for slot in range(slot_pointer[n], slot_pointer[n] + count):
+            _measure_variables(
+                slot_c[slot], slot_row[slot], slot_rank[slot], width[slot_variable[slot]], z,
+                noise, offset,
+            )  # fmt: skip
+        product = np.dot(z, z.T)
+        for a in range(total):
+            for b in range(a + 1):
+                noise[offset + a * total + b] += product[a, b]
+        seen = np.dot(z, reads)
         base = row_pointer[n]
-        for a in range(total_rows):
+        for a in range(total):
             for b in range(d):
-                total = 0.0
-                for j in range(q):
-                    total -= z[a, j] * tk[j, b]
-                response[base + a, b] = total
+                response[base + a, b] = seen[a, b]
             for b in range(p * d):
-                total = 0.0
-                for j in range(q):
-                    total += z[a, j] * w[j, b]
-                read_noise[base + a, b] = total
+                read_noise[base + a, b] = seen[a, d + b]
+        met = np.dot(reads.T, reads)
         for a in range(p * d):
             for b in range(d):
-                total = 0.0
-                for j in range(q):
-                    total -= w[j, a] * tk[j, b]
-                read_response[n, a, b] = total
+                read_response[n, a, b] = met[d + a, b]
             for b in range(p * d):
-                total = 0.0
-                for j in range(q):
-                    total += w[j, a] * w[j, b]
-                read_covariance[n, a, b] = total
+                read_covariance[n, a, b] = met[d + a, d + b]

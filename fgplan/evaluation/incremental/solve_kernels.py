@@ -9,8 +9,7 @@ that are read have one joint covariance
                     variable g:   Y = S_gv C + S_gk T',                  Q = S_gg,  S_gk Theta_s'
 
 and J = L L' gives the covariance of what is read, given e, as L_Q L_Q': no inverse, no difference.
-K >= I, so a pivot says how many digits were lost on the way: if a diagonal entry was summed from
-terms more than 1e5 times the pivot, the candidate is flagged and evaluated by QR.
+A pivot says how many digits were lost on the way: if a diagonal entry was summed from terms more than 1e5 times the pivot, the candidate is flagged and evaluated by QR.
 """
 
 import numpy as np
@@ -20,6 +19,59 @@ from fgplan.evaluation.incremental.cholesky_kernels import cholesky
 
 LOSS_LIMIT = 1e5
 """Largest ratio of the terms of a diagonal entry to its pivot."""
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _gather_slot(
+    slot, first_slot, covariance, start, read_columns, column, width,
+    slot_variable, slot_row, slot_rank, slot_c, joint, start_c, other_c,
+):  # fmt: skip
+    """Put C'S of one slot with x_k, with what is read, and with the slots before it in place."""
+    v = slot_variable[slot]
+    col, size, first, rank = column[v], width[v], slot_row[slot], slot_rank[slot]
+    if rank == size:  # C = I
+        for r in range(rank):
+            row = covariance[col + r]
+            for i in range(start_c.shape[0]):
+                start_c[i, first + r] = row[start + i]
+            for g in range(other_c.shape[0]):
+                other_c[g, first + r] = row[read_columns[g]]
+            target = joint[first + r]
+            for second in range(first_slot, slot + 1):
+                v2 = slot_variable[second]
+                col2, size2 = column[v2], width[v2]
+                first2, rank2 = slot_row[second], slot_rank[second]
+                if rank2 == size2:
+                    for r2 in range(rank2):
+                        target[first2 + r2] = row[col2 + r2]
+                else:
+                    c_b = slot_c[second]
+                    for r2 in range(rank2):
+                        total = 0.0
+                        for k in range(size2):
+                            total += row[col2 + k] * c_b[k, r2]
+                        target[first2 + r2] = total
+        return
+    c_a = slot_c[slot]
+    for r in range(rank):
+        for k in range(size):
+            weight = c_a[k, r]
+            row = covariance[col + k]
+            for i in range(start_c.shape[0]):
+                start_c[i, first + r] += weight * row[start + i]
+            for g in range(other_c.shape[0]):
+                other_c[g, first + r] += weight * row[read_columns[g]]
+            target = joint[first + r]
+            for second in range(first_slot, slot + 1):
+                v2 = slot_variable[second]
+                col2, size2 = column[v2], width[v2]
+                first2, rank2 = slot_row[second], slot_rank[second]
+                c_b = slot_c[second]
+                for r2 in range(rank2):
+                    total = 0.0
+                    for k2 in range(size2):
+                        total += row[col2 + k2] * c_b[k2, r2]
+                    target[first2 + r2] += weight * total
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -46,15 +98,6 @@ def posterior_covariances(
     own = read_rows
     extra = read_columns.shape[0]
     read = own + extra
-    largest = 0
-    for n in range(candidates.shape[0]):
-        largest = max(largest, row_count[candidates[n]])
-    joint = np.empty((largest + read, largest + read))
-    start_c = np.empty((d, largest + 1))
-    other_c = np.empty((extra + 1, largest + 1))
-    start_t = np.empty((d, largest + 1))
-    terms = np.empty(largest + read)
-    half = np.empty((d, d))
     for n in range(candidates.shape[0]):
         m = candidates[n]
         if sound[m] == 0:
@@ -62,66 +105,51 @@ def posterior_covariances(
         z = row_count[m]
         base = row_pointer[m]
         offset = noise_pointer[m]
-        for slot in range(slot_pointer[m], slot_pointer[m + 1]):
-            v = slot_variable[slot]
-            col, size, first, rank = column[v], width[v], slot_row[slot], slot_rank[slot]
-            c_a = slot_c[slot]
-            for r in range(rank):
-                for i in range(d):
-                    total = 0.0
-                    for k in range(size):
-                        total += covariance[start + i, col + k] * c_a[k, r]
-                    start_c[i, first + r] = total
-                for g in range(extra):
-                    row = covariance[read_columns[g]]
-                    total = 0.0
-                    for k in range(size):
-                        total += row[col + k] * c_a[k, r]
-                    other_c[g, first + r] = total
-            for second in range(slot_pointer[m], slot + 1):
-                v2 = slot_variable[second]
-                col2, size2 = column[v2], width[v2]
-                first2, rank2 = slot_row[second], slot_rank[second]
-                c_b = slot_c[second]
-                for r in range(rank):
-                    for k2 in range(size2):
-                        total = 0.0
-                        for k in range(size):
-                            total += c_a[k, r] * covariance[col + k, col2 + k2]
-                        half[r, k2] = total
-                for r in range(rank):
-                    for r2 in range(rank2):
-                        if first2 + r2 > first + r:
-                            continue
-                        total = 0.0
-                        for k2 in range(size2):
-                            total += half[r, k2] * c_b[k2, r2]
-                        joint[first + r, first2 + r2] = total
+        joint = np.zeros((z + read, z + read))
+        terms = np.empty(z + read)
+        start_c = np.zeros((d, z))
+        other_c = np.zeros((extra, z))
+        transposed = np.empty((d, z))
         for a in range(z):
             for i in range(d):
-                total = 0.0
-                for k in range(d):
-                    total += covariance[start + i, start + k] * response[base + a, k]
-                start_t[i, a] = total
+                transposed[i, a] = response[base + a, i]
+        for slot in range(slot_pointer[m], slot_pointer[m + 1]):
+            _gather_slot(
+                slot, slot_pointer[m], covariance, start, read_columns, column, width,
+                slot_variable, slot_row, slot_rank, slot_c, joint, start_c, other_c,
+            )  # fmt: skip
+        moved = np.zeros((d, z))
+        for i in range(d):
+            for k in range(d):
+                weight = covariance[start + i, start + k]
+                for a in range(z):
+                    moved[i, a] += weight * transposed[k, a]
+        for a in range(z):
+            spread = noise[offset + a * z + a] + joint[a, a]
+            for i in range(d):
+                spread += transposed[i, a] * moved[i, a]
+            terms[a] = spread
+        for i in range(d):
+            for a in range(z):
+                moved[i, a] += start_c[i, a]
         for a in range(z):
             row = joint[a]
-            spread = noise[offset + a * z + a] + row[a]
-            for i in range(d):
-                spread += response[base + a, i] * start_t[i, a]
-            terms[a] = spread
+            from_noise = noise[offset + a * z : offset + a * z + a + 1]
             for b in range(a + 1):
-                total = row[b] + noise[offset + a * z + b]
-                for i in range(d):
-                    total += response[base + a, i] * (start_c[i, b] + start_t[i, b])
-                    total += start_c[i, a] * response[base + b, i]
-                row[b] = total
+                row[b] += from_noise[b]
+            for i in range(d):
+                by_path, by_start = transposed[i, a], start_c[i, a]
+                moved_i, transposed_i = moved[i], transposed[i]
+                for b in range(a + 1):
+                    row[b] += by_path * moved_i[b] + by_start * transposed_i[b]
         for s in range(own):
             row = joint[z + s]
             for a in range(z):
-                total = read_noise[base + a, s]
-                for i in range(d):
-                    total += read_response[m, s, i] * (start_c[i, a] + start_t[i, a])
-                row[a] = total
+                row[a] = read_noise[base + a, s]
+            for i in range(d):
+                weight = read_response[m, s, i]
+                for a in range(z):
+                    row[a] += weight * moved[i, a]
             for s2 in range(s + 1):
                 total = read_covariance[m, s, s2]
                 for i in range(d):
@@ -137,10 +165,11 @@ def posterior_covariances(
             row = joint[z + own + g]
             from_s = covariance[read_columns[g]]
             for a in range(z):
-                total = other_c[g, a]
-                for i in range(d):
-                    total += from_s[start + i] * response[base + a, i]
-                row[a] = total
+                row[a] = other_c[g, a]
+            for i in range(d):
+                weight = from_s[start + i]
+                for a in range(z):
+                    row[a] += weight * transposed[i, a]
             for s in range(own):
                 total = 0.0
                 for i in range(d):
