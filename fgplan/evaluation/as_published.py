@@ -68,6 +68,7 @@ from fgplan.models.uncertainty import uncertainty_function
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import FloatArray
 
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateInformation:
     """What is kept of one candidate.

@@ -92,7 +92,7 @@ def assert_terms(actual, expected, rtol=1e-9):
     assert worst < rtol, f"largest relative difference {worst:g}"
 
 
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", range(11))
 def test_marginals_fastest_and_isam2_give_the_value_of_qr(seed):
     """Noise is benign here (sigmas 1e-3 m to 20 m); with tighter noise GTSAM loses digits."""
     problem, paths = random_problem(seed)
@@ -145,9 +145,7 @@ def test_qr_is_the_inverse_of_the_cut_graph(seed):
     robots = problem.robots
     chosen = {name: options[0] for name, options in paths.items()}
     evaluator = FromScratch("qr")
-    _, found = evaluator.evaluate(
-        evaluator.start(problem, robots[0], [chosen[robots[0]]]), chosen
-    )
+    _, found = evaluator.evaluate(evaluator.start(problem, robots[0], [chosen[robots[0]]]), chosen)
     steps = path_steps(chosen)
     last = max(steps.values())
     dim = problem.dim
@@ -331,9 +329,7 @@ def _observing(problem, path, sensor):
     for step in range(1, path.steps + 1):
         key = scenes.landmark_key(step % 6)
         noise = sensor.noise(path.poses[step], problem.prior.point(key))
-        observations.append(
-            Observation(step=step, landmark=key, sensor="theirs", covariance=noise)
-        )
+        observations.append(Observation(step=step, landmark=key, sensor="theirs", covariance=noise))
     return replace(path, observations=tuple(observations))
 
 
@@ -383,9 +379,7 @@ def test_where_gtsam_gives_up_qr_answers_and_is_counted():
     graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(), gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     robots = {"robot": 0}
     objective = Objective((UncertaintyTerm(of=PosesOf(("robot",))),))
-    problem = PlanningProblem(
-        prior=Belief(graph, values), start_keys=robots, objective=objective
-    )
+    problem = PlanningProblem(prior=Belief(graph, values), start_keys=robots, objective=objective)
     poses = np.zeros((steps + 1, 3))
     poses[:, 0] = np.arange(steps + 1)
     motion = np.diag([0.02**2, 0.02**2, 0.05**2])
@@ -422,24 +416,22 @@ def test_qr_says_when_a_variable_is_not_determined():
 def test_inputs_are_checked():
     problem, paths = random_problem(0, robots=3)
     evaluator = FromScratch("qr")
-    with pytest.raises(InvalidInputError, match="elimination.*'magic'"):
+    with pytest.raises(InvalidInputError, match=r"elimination.*'magic'"):
         FromScratch("magic")
-    with pytest.raises(InvalidInputError, match="candidates of robot 'robot0'.*'robot1'"):
+    with pytest.raises(InvalidInputError, match=r"candidates of robot 'robot0'.*'robot1'"):
         evaluator.start(problem, "robot0", paths["robot1"])
     state = evaluator.start(problem, "robot0", paths["robot0"])
-    with pytest.raises(InvalidInputError, match="announced path of robot 'robot1'.*'robot2'"):
+    with pytest.raises(InvalidInputError, match=r"announced path of robot 'robot1'.*'robot2'"):
         evaluator.evaluate(state, {"robot1": paths["robot2"][0]})
     future = UncertaintyTerm(of=PosesOf(("robot1",)), function="mutual_information")
     gaining = replace(problem, objective=Objective((future,)))
-    with pytest.raises(InvalidInputError, match="mutual_information.*PriorVariables"):
+    with pytest.raises(InvalidInputError, match=r"mutual_information.*PriorVariables"):
         evaluator.start(gaining, "robot0", paths["robot0"])
 
 
 def test_a_covariance_without_a_determinant_is_named():
     problem, _ = random_problem(0, robots=2)
-    (cut, *_) = objective_readings(problem, {"robot0": 3, "robot1": 3})
+    cut = objective_readings(problem, {"robot0": 3, "robot1": 3})[-1]
     size = int(cut.dims.sum())
-    with pytest.raises(IllPosedBeliefError, match="not positive definite"):
-        for one in objective_readings(problem, {"robot0": 3, "robot1": 3}):
-            size = int(one.dims.sum())
-            uncertainty_values(problem, one, np.zeros((1, size, size)), {})
+    with pytest.raises(IllPosedBeliefError, match=r"entropy.*not positive definite|log_det.*not"):
+        uncertainty_values(problem, cut, np.zeros((1, size, size)), {})

@@ -124,9 +124,7 @@ def test_jacobians_are_central_differences_of_the_factor_error(sensor, planar):
     covariance = scenes.random_covariance(generator, [0.02] * len(sensor.noise(pose, point)))
     factor = observation_factor(sensor, (0, 1), pose, point, covariance)
     other = random_pose(generator, planar)
-    model = MultiRobotModel(
-        criterion=DistanceCriterion(1e3), sensor=sensor, time_tolerance_s=1.0
-    )
+    model = MultiRobotModel(criterion=DistanceCriterion(1e3), sensor=sensor, time_tolerance_s=1.0)
     noise = gaussian_noise(sensor.noise(pose, position(other)), "test")
     pair = multi_robot_factor(model, (0, 1), pose, other, noise)
     for made, second in ((factor, point), (pair, other)):
@@ -135,9 +133,7 @@ def test_jacobians_are_central_differences_of_the_factor_error(sensor, planar):
         def whitened(shifts, made=made, poses=poses):
             values = gtsam.Values()
             for key, (at, shift) in enumerate(zip(poses, shifts, strict=True)):
-                moved = (
-                    at + shift if at is point else gtsam_pose(at).retract(shift)
-                )
+                moved = at + shift if at is point else gtsam_pose(at).retract(shift)
                 values.insert(key, moved)
             return made.noiseModel().whiten(made.unwhitenedError(values))
 
@@ -162,9 +158,7 @@ def test_jacobians_are_central_differences_of_the_factor_error(sensor, planar):
 @pytest.mark.parametrize("sensor", [*SENSORS, SquaredRange()], ids=lambda s: s.kind)
 def test_multi_robot_factor_has_the_information_of_the_model(sensor, planar):
     generator = np.random.default_rng(5)
-    model = MultiRobotModel(
-        criterion=DistanceCriterion(1e3), sensor=sensor, time_tolerance_s=1.0
-    )
+    model = MultiRobotModel(criterion=DistanceCriterion(1e3), sensor=sensor, time_tolerance_s=1.0)
     for _ in range(20):
         pose, other = random_pose(generator, planar), random_pose(generator, planar)
         noise = gaussian_noise(sensor.noise(pose, position(other)), "test")
@@ -213,7 +207,7 @@ def test_gaussian_noise_whitens_with_the_inverse():
     [np.array([[1.0, 2.0], [2.0, 1.0]]), np.diag([1.0, 0.0]), np.diag([1.0, np.nan])],
 )
 def test_gaussian_noise_refuses_what_gtsam_would_take(covariance):
-    with pytest.raises(InvalidInputError, match="noise of camera.*positive definite"):
+    with pytest.raises(InvalidInputError, match=r"noise of camera.*positive definite"):
         gaussian_noise(covariance, "camera")
 
 
@@ -235,5 +229,5 @@ def test_an_unknown_sensor_of_a_path_is_named():
     problem, paths = scenes.random_scene(np.random.default_rng(8), landmarks=8)
     path = next(p for p in paths["robot0"] if p.observations)
     keys = range(path.steps + 1)
-    with pytest.raises(UnknownNameError, match="robot0.*is not one of: other"):
+    with pytest.raises(UnknownNameError, match=r"robot0.*is not one of: other"):
         observation_factors(path, keys, {"other": SENSORS[0]}, problem.prior)

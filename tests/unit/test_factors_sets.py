@@ -140,9 +140,7 @@ def test_past_states_of_others_take_part_by_their_prior_keys(scene):
 
 def test_past_states_are_left_out_where_the_model_says_so(scene):
     problem, paths = scene
-    model = replace(
-        problem.multi_robot[0], criterion=DistanceCriterion(1e5), include_past=False
-    )
+    model = replace(problem.multi_robot[0], criterion=DistanceCriterion(1e5), include_past=False)
     problem = replace(problem, multi_robot=(model,))
     assert len(past_factors(problem, paths["robot1"][0])) == 0
 
@@ -210,7 +208,7 @@ def test_identity_sees_time_noise_vertex_and_pose(scene, field):
         "times_s": path.times_s * 2.0,
         "motion_covariances": path.motion_covariances * 2.0,
         "vertices": tuple(vertex + 100 for vertex in path.vertices),
-        "poses": np.vstack([path.poses[:1], path.poses[1:] + [0.0, 0.0, 0.1]]),
+        "poses": np.vstack([path.poses[:1], path.poses[1:] + np.array([0.0, 0.0, 0.1])]),
     }
     before = local_factors(problem, path)
     after = local_factors(problem, replace(path, **{field: moved[field]}))
