@@ -298,9 +298,9 @@ def _finished(
 def _record(
     digest: str,
     task: SweepTask,
-    result: Any,
+    result: Any,  # noqa: ANN401 - the user's
     error: str,
-    seconds: float,  # noqa: ANN401
+    seconds: float,
 ) -> SweepRecord:
     """Record of a task that came back."""
     if error:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fgplan.announcement.ledger import Ledger
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.team.envelope import TrafficByKind
-from fgplan.team.robot import TurnRecord
+from fgplan.team.robot_state import TurnRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,8 +23,8 @@ class Agreement:
         turns: Turns taken after round 0.
         records: What robots did on their turns, by turn and order of the team.
         stale: Announcements that lost against another with the same basis.
-        traffic: Messages and bytes by kind.
-        clock_s: Seconds on the transport's clock.
+        traffic: Messages and bytes by kind, of all that the transport has carried.
+        clock_s: Seconds that it took on the transport's clock.
         seconds: Real seconds: ``start`` of the evaluators, ``evaluation``, ``coordination`` (all
             the rest).
         warnings: Plain sentences.

@@ -17,7 +17,8 @@ from fgplan.team.envelope import Inbox, Outbox
 from fgplan.team.in_process import InProcessTransport
 from fgplan.team.loop import run_robots
 from fgplan.team.options import CoordinationOptions
-from fgplan.team.robot import RobotSetup, RobotState, TurnRecord, start_robot, step
+from fgplan.team.robot import step
+from fgplan.team.robot_state import RobotSetup, RobotState, TurnRecord, start_robot
 from fgplan.team.transport import SimulatedTransport
 from fgplan.typing import ArrayLike
 
@@ -115,8 +116,10 @@ def coordinate(
     states = {robot: start_robot(setup) for robot, setup in setups.items()}
     start_s = time.perf_counter() - starting
     following = step if progress is None else _reporting(progress)
-    states = run_robots(states, following, network, time_limit_s=chosen.time_limit_s)
-    return _agreement(states, network, chosen, start_s, began)
+    opened_s = network.now()
+    limit_s = opened_s + chosen.time_limit_s
+    states = run_robots(states, following, network, time_limit_s=limit_s)
+    return _agreement(states, network, chosen, opened_s, start_s, began)
 
 
 def _reporting(
@@ -138,6 +141,7 @@ def _agreement(
     states: Mapping[str, RobotState],
     transport: SimulatedTransport,
     options: CoordinationOptions,
+    opened_s: float,
     start_s: float,
     began: float,
 ) -> Agreement:
@@ -183,8 +187,8 @@ def _agreement(
         turns=furthest.turn - 1,
         records=tuple(records),
         stale=furthest.stale,
-        traffic=transport.traffic,
-        clock_s=transport.now(),
+        traffic=transport.traffic.copy(),
+        clock_s=transport.now() - opened_s,
         seconds={
             "start": start_s,
             "evaluation": evaluation_s,

@@ -4,7 +4,7 @@ The envelope says who sends what, in which planning session, at which place, com
 The payload is the planner's own; a transport never looks inside.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -155,6 +155,10 @@ class TrafficByKind:
     """Counts of messages and bytes by kind of message."""
 
     kinds: dict[str, Traffic] = field(default_factory=dict)
+
+    def copy(self) -> "TrafficByKind":
+        """The counts as they are now."""
+        return TrafficByKind({kind: replace(counts) for kind, counts in self.kinds.items()})
 
     def of(self, kind: str) -> Traffic:
         """Counts of one kind, made at its first message."""

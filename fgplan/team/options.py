@@ -28,7 +28,8 @@ class CoordinationOptions:
         max_turns: Turns after which the team gives up.
         repair_after_s: Seconds of silence after which a robot asks for what it misses.
         time_limit_s: Seconds on the transport's clock after which the team gives up.
-        session: Number of the planning session.
+        session: Number of the planning session; a new one where a transport is used again, so that
+            late copies of old messages are known for what they are.
     """
 
     order: Order = "fixed"

@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from fgplan.simulation.sweep import SweepTask, read_sweep, run_sweep
 def draw(task):
     """A number drawn from the task's seed."""
     if task.arguments.get("calls"):
-        with open(task.arguments["calls"], "a") as stream:
+        with Path(task.arguments["calls"]).open("a") as stream:
             stream.write(f"{task.seed}\n")
     kind = task.arguments.get("kind", "draw")
     if kind == "raise":
@@ -151,7 +152,7 @@ def test_equal_tasks_are_refused_and_so_are_arguments_that_are_no_data(tmp_path)
 def test_file_that_is_no_sweep_is_refused(tmp_path, line):
     out = tmp_path / "sweep.jsonl"
     out.write_text(line + "\n")
-    with pytest.raises(InvalidInputError, match="sweep.jsonl, line 1: expected"):
+    with pytest.raises(InvalidInputError, match=r"sweep\.jsonl, line 1: expected"):
         run_sweep([SweepTask(seed=1)], draw, out=out)
 
 

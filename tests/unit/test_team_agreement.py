@@ -22,7 +22,8 @@ from fgplan.team.coordination import coordinate, set_up_team
 from fgplan.team.envelope import Envelope, Inbox, decode_envelope
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, Partition
 from fgplan.team.options import CoordinationOptions
-from fgplan.team.robot import start_robot, step
+from fgplan.team.robot import step
+from fgplan.team.robot_state import start_robot
 
 
 def make_path(robot, index, length_m, steps=4):
@@ -261,7 +262,7 @@ def test_tolerance_keeps_the_path():
 def test_robot_without_candidates_is_named_or_stays():
     problem, candidates, evaluator = make_team(3, seed=7)
     candidates = {robot: paths for robot, paths in candidates.items() if robot != "r1"}
-    with pytest.raises(NoCandidatePathError, match="robot 'r1'.*without_path='stay'"):
+    with pytest.raises(NoCandidatePathError, match=r"robot 'r1'.*without_path='stay'"):
         coordinate(problem, candidates, evaluator)
     options = CoordinationOptions(without_path="stay")
     agreement = coordinate(problem, candidates, evaluator, options=options)
@@ -473,3 +474,27 @@ def test_value_of_the_ledger_is_that_of_the_agreement():
     agreement = coordinate(problem, candidates, evaluator)
     assert isinstance(agreement.ledger, Ledger)
     assert agreement.ledger.value == agreement.value
+
+
+def test_second_session_over_one_transport_ignores_late_copies_of_the_first():
+    problem, candidates, evaluator = make_team(3, seed=2)
+    faults = NetworkFaults(duplication=0.8, reordering=0.8, reordering_s=5.0, delay_s=(0.0, 0.1))
+    network = InProcessTransport(problem.robots, faults, np.random.default_rng(0))
+    for session in range(3):
+        options = CoordinationOptions(session=session)
+        plain = coordinate(problem, candidates, evaluator, options=options)
+        again = coordinate(problem, candidates, evaluator, options=options, transport=network)
+        assert outcome(again) == outcome(plain)
+        assert again.clock_s < network.now() or session == 0
+
+
+def test_another_objective_is_found_out_within_one_process_too():
+    problem, candidates, evaluator = make_team(2, seed=3)
+    other = SimpleNamespace(
+        **{**vars(problem), "objective": length_and_uncertainty(problem.robots, path_weight=0.2)}
+    )
+    mine = set_up_team(problem, candidates, evaluator)
+    theirs = set_up_team(other, candidates, evaluator)
+    _, (opening,) = step(start_robot(theirs["r1"]), Inbox(0.0))
+    with pytest.raises(InvalidInputError, match="robot 'r1': terms"):
+        step(start_robot(mine["r0"]), Inbox(0.0, (opening.envelope,)))

@@ -78,9 +78,9 @@ def candidate_sets(
     reasons = {robot.name: "it has no goal" for robot in mission.robots if not len(robot.goals)}
     reasons |= found.reasons
     if reasons and without_path == "refuse":
-        robot, reason = next(iter(reasons.items()))
+        name, reason = next(iter(reasons.items()))
         raise NoCandidatePathError(
-            f"robot {robot!r}: expected at least one candidate path, got none: {reason}; to go on "
+            f"robot {name!r}: expected at least one candidate path, got none: {reason}; to go on "
             "without it, set without_path = 'stay'"
         )
     landmarks = mapped_landmarks(mission.prior)

@@ -25,7 +25,7 @@ from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
 from fgplan.planners.planner import Progress
 from fgplan.team.agreement import Agreement
 from fgplan.team.coordination import coordinate
-from fgplan.team.robot import TurnRecord
+from fgplan.team.robot_state import TurnRecord
 from fgplan.typing import FloatArray
 
 

@@ -7,6 +7,7 @@ candidate joins the i-th path of every leg (starting over where a leg has fewer)
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import networkx as nx
 import numpy as np
@@ -148,7 +149,7 @@ def _by_rrg(
     for robot, places in stops.items():
         legs, team_graph, offset = [], nx.Graph(), 0
         try:
-            for start, goal in zip(places[:-1], places[1:], strict=True):
+            for start, goal in pairwise(places):
                 growth = RRG(workspace, start, generator, step_m=step_m, goal=goal)
                 growth.grow(sample_count=options.vertices)
                 if growth.goal_vertex is None:
