@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from fgplan.cli import main
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 LONGEST = 80
@@ -27,3 +29,17 @@ def test_example_is_short_and_runs(path, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip(), "an example shows something"
+
+
+SCENARIOS = sorted(
+    path
+    for path in (ROOT / "examples" / "scenarios").iterdir()
+    if path.suffix in (".toml", ".yaml", ".yml")
+)
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=[path.name for path in SCENARIOS])
+def test_example_scenario_runs(path, tmp_path, capsys):
+    assert main(["run", str(path), "--quick", "--check", "--out", str(tmp_path)]) == 0
+    assert "position on arrival" in capsys.readouterr().out
+    assert (tmp_path / "chosen_paths.png").stat().st_size > 1000
