@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgplan.evaluation.problem import PastState, PlanningProblem
+from fgplan.models.pose import PLANAR_DIM
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
@@ -172,16 +173,20 @@ def multi_robot_blocks(
     own: StateSet,
     others: StateSet,
     variables: IntArray,
+    *,
     past: bool = False,
+    each_once: bool = False,
 ) -> FactorBlocks:
-    """Blocks of all multi-robot factors between some states of one robot and states of others.
+    """Blocks of all multi-robot factors between states of different robots.
 
     Args:
         problem: Prior, team and models.
-        own: A states of one robot.
-        others: B states of other robots.
+        own: A states.
+        others: B states; those of the same robot as an own state are left alone.
         variables: Shape (B,), number of each other state for the table.
         past: Whether the others are past states, which some models leave out.
+        each_once: Whether ``own`` and ``others`` are the same states and each pair is wanted
+            once.
 
     Returns:
         The table over the A states.
@@ -189,44 +194,48 @@ def multi_robot_blocks(
     models = [m for m in problem.multi_robot if m.include_past or not past]
     if not models or not len(own.poses) or not len(others.poses):
         return no_blocks(len(own.poses), problem.dim)
-    first = others.places < own.places[0]
     return merge(
         [
-            _planar_relative(model, own.poses, others.poses, variables, first)
-            if own.poses.ndim == 2 and _is_plain(model)
-            else _any_model(problem, model, own, others, variables, first)
+            _planar_relative(model, own, others, variables, each_once)
+            if is_compiled(problem, model)
+            else _any_model(problem, model, own, others, variables, each_once)
             for model in models
         ]
     )
 
 
-def _is_plain(model: MultiRobotModel) -> bool:
-    """Whether the compiled kernel knows the model: distance and relative pose."""
-    return isinstance(model.criterion, DistanceCriterion) and isinstance(
-        model.sensor, RelativePoseSensor
+def is_compiled(problem: PlanningProblem, model: MultiRobotModel) -> bool:
+    """Whether the kernel knows the model: planar, distance criterion, relative pose."""
+    return (
+        problem.dim == PLANAR_DIM
+        and isinstance(model.criterion, DistanceCriterion)
+        and isinstance(model.sensor, RelativePoseSensor)
     )
 
 
 def _planar_relative(
     model: MultiRobotModel,
-    poses: FloatArray,
-    other_poses: FloatArray,
+    own: StateSet,
+    others: StateSet,
     variables: IntArray,
-    first: IntArray,
+    each_once: bool,
 ) -> FactorBlocks:
     """The default model, compiled."""
     from fgplan.evaluation.incremental.factor_kernels import near_pairs, relative_pose_blocks
 
-    weight = model.sensor.whitening()  # type: ignore[union-attr]
-    omega = weight.T @ weight
-    distance = model.criterion.distance_m  # type: ignore[attr-defined]
-    pointer, found = near_pairs(poses, other_poses, distance)
-    own, cross, other = relative_pose_blocks(
-        poses, other_poses, pointer, found, first.astype(np.int64), omega
+    omega = np.linalg.inv(model.sensor.covariance)  # type: ignore[union-attr]
+    pointer, found = near_pairs(
+        own.poses,
+        own.places,
+        others.poses,
+        others.places,
+        model.criterion.distance_m,  # type: ignore[attr-defined]
+        each_once,
     )
-    return FactorBlocks(
-        pointer, variables[found], np.full(len(found), 3, np.int64), own, cross, other
+    blocks = relative_pose_blocks(
+        own.poses, others.poses, pointer, found, own.places, others.places, omega
     )
+    return FactorBlocks(pointer, variables[found], np.full(len(found), PLANAR_DIM), *blocks)
 
 
 def _any_model(
@@ -235,15 +244,17 @@ def _any_model(
     own: StateSet,
     others: StateSet,
     variables: IntArray,
-    first: IntArray,
+    each_once: bool,
 ) -> FactorBlocks:
     """Any other criterion or sensor, pair by pair."""
     per_state: list[list[tuple[int, FloatArray, FloatArray]]] = []
-    other_states = others.states()
-    for state in own.states():
+    other_states = list(zip(others.states(), others.places.tolist(), strict=True))
+    for state, place in zip(own.states(), own.places.tolist(), strict=True):
         factors = []
-        for index, other in enumerate(other_states):
-            rows = joint_rows(model, state, other, bool(first[index]))
+        for index, (other, other_place) in enumerate(other_states):
+            if other_place == place or (each_once and other_place > place):
+                continue
+            rows = joint_rows(model, state, other, other_place < place)
             if rows is not None:
                 factors.append((int(variables[index]), *rows))
         per_state.append(factors)

@@ -12,15 +12,29 @@ from fgplan.typing import FloatArray, IntArray
 
 
 @njit(cache=True)
+def _differ(own: int, other: int, each_once: bool) -> bool:
+    """Whether two robots make a pair."""
+    return other < own if each_once else other != own
+
+
+@njit(cache=True)
 def near_pairs(
-    own: FloatArray, other: FloatArray, distance_m: float
+    own: FloatArray,
+    own_place: IntArray,
+    other: FloatArray,
+    other_place: IntArray,
+    distance_m: float,
+    each_once: bool,
 ) -> tuple[IntArray, IntArray]:
-    """Pairs of planar poses nearer than a distance, ordered by own state.
+    """Pairs of planar poses of different robots nearer than a distance, ordered by own state.
 
     Args:
         own: Shape (A, 3), world frame.
+        own_place: Shape (A,), place of each one's robot in the team.
         other: Shape (B, 3), world frame.
+        other_place: Shape (B,), likewise.
         distance_m: Largest distance, metres.
+        each_once: Both sides are the same states: take each pair from its later robot only.
 
     Returns:
         Row pointer of shape (A + 1,) and indices into ``other``, shape (M,).
@@ -32,7 +46,7 @@ def near_pairs(
         for b in range(other.shape[0]):
             x = own[a, 0] - other[b, 0]
             y = own[a, 1] - other[b, 1]
-            if x * x + y * y < square:
+            if x * x + y * y < square and _differ(own_place[a], other_place[b], each_once):
                 count += 1
         pointer[a + 1] = pointer[a] + count
     found = np.empty(pointer[-1], np.int64)
@@ -43,7 +57,7 @@ def near_pairs(
         for b in range(other.shape[0]):
             x = own[a, 0] - other[b, 0]
             y = own[a, 1] - other[b, 1]
-            if x * x + y * y < square:
+            if x * x + y * y < square and _differ(own_place[a], other_place[b], each_once):
                 found[m] = b
                 m += 1
     return pointer, found
@@ -55,7 +69,8 @@ def relative_pose_blocks(
     other: FloatArray,
     pointer: IntArray,
     found: IntArray,
-    other_first: IntArray,
+    own_place: IntArray,
+    other_place: IntArray,
     omega: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Information blocks of relative-pose factors between planar poses.
@@ -65,7 +80,8 @@ def relative_pose_blocks(
         other: Shape (B, 3), world frame.
         pointer: Row pointer, shape (A + 1,).
         found: Indices into ``other``, shape (M,).
-        other_first: Shape (B,); 1 where the other robot is the first of the factor.
+        own_place: Shape (A,), place of each one's robot in the team; the earlier is the first.
+        other_place: Shape (B,), likewise.
         omega: Information, shape (3, 3), tangent of the second pose.
 
     Returns:
@@ -81,7 +97,7 @@ def relative_pose_blocks(
     for a in range(own.shape[0]):
         for m in range(pointer[a], pointer[a + 1]):
             b = found[m]
-            if other_first[b] == 1:
+            if other_place[b] < own_place[a]:
                 x1, y1, t1 = other[b, 0], other[b, 1], other[b, 2]
                 x2, y2, t2 = own[a, 0], own[a, 1], own[a, 2]
             else:
@@ -108,7 +124,7 @@ def relative_pose_blocks(
                     total = 0.0
                     for k in range(3):
                         total += adjoint[k, i] * product[k, j]
-                    if other_first[b] == 1:
+                    if other_place[b] < own_place[a]:
                         own_block[m, i, j] = omega[i, j]
                         cross[m, i, j] = -product[j, i]
                         other_block[m, i, j] = total

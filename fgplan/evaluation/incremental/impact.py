@@ -147,6 +147,13 @@ class Components:
         for node in np.unique(self.nodes(variables)).tolist():
             self.join(me, node)
 
+    def join_chains(self, first: IntArray, second: IntArray) -> None:
+        """Join the chains of announced poses that have a factor, by number."""
+        count, capacity = len(self.numbering.robots), self.numbering.capacity
+        pairs = np.unique((first // capacity) * count + second // capacity)
+        for pair in pairs.tolist():
+            self.join(self.offset + pair // count, self.offset + pair % count)
+
     def nodes(self, variables: IntArray) -> IntArray:
         """Nodes of variables by number."""
         base = len(self.numbering.robots) * self.numbering.capacity

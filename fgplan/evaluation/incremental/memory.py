@@ -33,7 +33,7 @@ class Memory:
         path_terms: Shape (N, T), terms of the candidates' own paths.
         announced: The others' paths at the last evaluation.
         own_pieces: By robot, its announced path and the blocks of its own factors.
-        pair_pieces: By pair of robots, their announced paths and the blocks of their factors.
+        meetings: Blocks of the factors among the announced paths.
         moving: Factors of the own states with announced poses, at the last evaluation.
         pools: Messages that may be used again.
         terms: Shape (N, T), unweighted terms at the last evaluation; NaN where not evaluated.
@@ -50,21 +50,22 @@ class Memory:
     path_terms: FloatArray
     announced: Mapping[str, CandidatePath] = field(default_factory=dict)
     own_pieces: Mapping[str, tuple[CandidatePath, InformationBlocks]] = field(default_factory=dict)
-    pair_pieces: Mapping[
-        tuple[str, str], tuple[CandidatePath, CandidatePath, InformationBlocks]
-    ] = field(default_factory=dict)
+    meetings: InformationBlocks | None = None
     moving: FactorBlocks
     pools: tuple[MessagePool, ...] = ()
     terms: FloatArray | None = None
 
+    def pieces(self) -> list[InformationBlocks]:
+        """Blocks of all factors of the others."""
+        meetings = [] if self.meetings is None else [self.meetings]
+        return [piece for _, piece in self.own_pieces.values()] + meetings
+
     @property
     def bytes(self) -> int:
         """Memory held for re-use."""
-        pieces = [piece for _, piece in self.own_pieces.values()]
-        pieces += [piece for *_, piece in self.pair_pieces.values()]
         return (
             sum(pool.bytes for pool in self.pools)
-            + sum(int(piece.blocks.nbytes) for piece in pieces)
+            + sum(int(piece.blocks.nbytes) for piece in self.pieces())
             + self.moving.bytes
             + self.fixed.bytes
             + int(self.wide.rows.nbytes + self.prior.rows.nbytes)

@@ -26,3 +26,15 @@ def scatter(information, row_variable, column_variable, needed, blocks, column, 
                 information[r + i, c + j] += value
                 if r != c:
                     information[c + j, r + i] += value
+
+
+@njit(cache=True)
+def mirror_upper(matrix):
+    """Copy the upper triangle of a square matrix to the lower, in place, tile by tile."""
+    size = matrix.shape[0]
+    tile = 32
+    for top in range(0, size, tile):
+        for left in range(top, size, tile):
+            for i in range(top, min(top + tile, size)):
+                for j in range(max(left, i + 1), min(left + tile, size)):
+                    matrix[j, i] = matrix[i, j]

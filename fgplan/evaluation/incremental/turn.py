@@ -33,7 +33,7 @@ from fgplan.evaluation.incremental.universe import (
     Universe,
     build_universe,
     fixed_blocks,
-    pair_blocks,
+    meeting_blocks,
     path_blocks,
 )
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
@@ -71,10 +71,13 @@ class Turn:
         """Others' belief at a cut, built once a turn."""
         if cut not in self.universes:
             memory = self.memory
-            pieces = [piece for _, piece in memory.own_pieces.values()]
-            pieces += [piece for *_, piece in memory.pair_pieces.values()]
             self.universes[cut] = build_universe(
-                memory.problem, memory.numbering, memory.prior, memory.announced, pieces, cut
+                memory.problem,
+                memory.numbering,
+                memory.prior,
+                memory.announced,
+                memory.pieces(),
+                cut,
             )
         return self.universes[cut]
 
@@ -138,18 +141,13 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
     for robot in new:
         if robot not in own:
             own[robot] = (new[robot], path_blocks(problem, grown.numbering, new[robot]))
-    pairs = {}
-    names = [r for r in problem.robots if r in new]
-    for index, first in enumerate(names):
-        for second in names[index + 1 :]:
-            known = grown.pair_pieces.get((first, second))
-            if known is None or known[0] is not new[first] or known[1] is not new[second]:
-                blocks = pair_blocks(problem, grown.numbering, new[first], new[second])
-                known = (new[first], new[second], blocks)
-            pairs[first, second] = known
+    meetings = grown.meetings
+    if changed or meetings is None:
+        paths = list(new.values())
+        meetings = meeting_blocks(problem, grown.numbering, paths) if paths else None
     moving = _moving(grown, new)
     change = factor_change(grown.numbering, old, new, grown.moving, moving, changed)
-    after = replace(grown, announced=new, own_pieces=own, pair_pieces=pairs, moving=moving)
+    after = replace(grown, announced=new, own_pieces=own, meetings=meetings, moving=moving)
     impacted, changed_robots = _impact(grown, after, changed)
     dirty = touched_candidates(memory.table.states, change.dirty)
     return Turn(after, changed, change, impacted, dirty, changed_robots)
@@ -184,7 +182,7 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
         prior=restrict(wide, fresh.prior_keys),
         fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
         own_pieces={},
-        pair_pieces={},
+        meetings=None,
     )
     if capacity == numbering.capacity:
         return grown
@@ -222,9 +220,8 @@ def _impact(
     for memory in (before, after):
         for robot, (_, piece) in memory.own_pieces.items():
             parts.add_factors(robot, piece.column[piece.column >= base])
-        for (first, second), (*_, piece) in memory.pair_pieces.items():
-            if len(piece.row):
-                parts.join(parts.robot(first), parts.robot(second))
+        if memory.meetings is not None:
+            parts.join_chains(memory.meetings.row, memory.meetings.column)
     labels = parts.labels()
     touched = {int(labels[parts.robot(robot)]) for robot in changed}
     inside = np.array([label in touched for label in labels.tolist()])

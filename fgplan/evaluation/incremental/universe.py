@@ -147,15 +147,15 @@ def fixed_blocks(
     return merge(tables) if tables else no_blocks(len(own.poses), problem.dim)
 
 
-def pair_blocks(
-    problem: PlanningProblem, numbering: Numbering, first: CandidatePath, second: CandidatePath
+def meeting_blocks(
+    problem: PlanningProblem, numbering: Numbering, paths: Sequence[CandidatePath]
 ) -> InformationBlocks:
-    """Blocks of the multi-robot factors between two announced paths."""
-    others = numbering.pose(second.robot, 1) + np.arange(second.steps)
-    factors = multi_robot_blocks(
-        problem, states_of(problem, [first]), states_of(problem, [second]), others
+    """Blocks of the multi-robot factors among announced paths."""
+    everyone = states_of(problem, paths)
+    number = np.concatenate(
+        [numbering.pose(path.robot, 1) + np.arange(path.steps) for path in paths]
     )
-    number = numbering.pose(first.robot, 1) + np.arange(first.steps)
+    factors = multi_robot_blocks(problem, everyone, everyone, number, each_once=True)
     return InformationBlocks(*_of_factors(factors, number))
 
 
@@ -187,13 +187,13 @@ def build_universe(
         numbering: Numbers of variables.
         prior: Marginal of ``numbering.prior_keys``.
         announced: The others' paths.
-        pieces: Blocks of all their factors, from ``path_blocks`` and ``pair_blocks``.
+        pieces: Blocks of all their factors, from ``path_blocks`` and ``meeting_blocks``.
         cut: Look-ahead step beyond which states and their factors are left out; None for none.
 
     Returns:
         The universe at that cut.
     """
-    from fgplan.evaluation.incremental.scatter_kernels import scatter
+    from fgplan.evaluation.incremental.scatter_kernels import mirror_upper, scatter
 
     dim = problem.dim
     base = len(numbering.robots) * numbering.capacity
@@ -212,17 +212,14 @@ def build_universe(
     information[:known, :known] = prior.rows.T @ prior.rows
     for piece in pieces:
         scatter(information, piece.row, piece.column, piece.needed, piece.blocks, column, width)
-    factor, failed = lapack.dpotrf(information, lower=True)
-    by_qr = bool(failed)
-    if not by_qr:
-        share = np.diag(factor) ** 2 / np.diag(information)
-        by_qr = bool(share.min() < CANCELLATION_LIMIT)
-    if by_qr:
-        rows = universe_rows(problem, numbering, prior, announced, column, size)
-        triangle = np.linalg.qr(rows, mode="r")
-        half = solve_triangular(triangle, np.eye(size))
-        return Universe(column, width, np.ascontiguousarray(half @ half.T), True)
-    inverse, _ = lapack.dpotri(factor, lower=True)
-    lower = np.tril(inverse)
-    covariance = lower + np.tril(inverse, -1).T
-    return Universe(column, width, np.ascontiguousarray(covariance), False)
+    diagonal = information.diagonal().copy()
+    # the transpose of a symmetric C-ordered matrix is itself in LAPACK's order: nothing is copied
+    factor, failed = lapack.dpotrf(information.T, lower=True, overwrite_a=True)
+    if not failed and (factor.diagonal() ** 2 >= CANCELLATION_LIMIT * diagonal).all():
+        inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
+        covariance = inverse.T
+        mirror_upper(covariance)
+        return Universe(column, width, covariance, False)
+    rows = universe_rows(problem, numbering, prior, announced, column, size)
+    half = solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(size))
+    return Universe(column, width, np.ascontiguousarray(half @ half.T), True)
