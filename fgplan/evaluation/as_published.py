@@ -96,6 +96,7 @@ class AsPublishedState:
         candidates: Its candidate paths.
         prior: Lambda_k.
         own: Of each candidate, the informations that no announcement changes.
+        correlated: Robots whose current poses the prior correlates with this robot's (22).
         announced: The announced paths of the last evaluation.
         pairs: By robot, multi-robot factors of each candidate with its announced path.
         kept: What is kept of each candidate; empty before the first evaluation.
@@ -107,6 +108,7 @@ class AsPublishedState:
     candidates: tuple[CandidatePath, ...]
     prior: SparseInformation = field(repr=False)
     own: tuple[tuple[FactorInformation, ...], ...] = field(repr=False)
+    correlated: frozenset[str]
     announced: Mapping[str, AnnouncedFactors] = field(repr=False, default_factory=dict)
     pairs: Mapping[str, tuple[PairFactors, ...]] = field(repr=False, default_factory=dict)
     kept: tuple[CandidateInformation, ...] = field(repr=False, default=())
@@ -154,6 +156,11 @@ class AsPublished:
             candidates=tuple(candidates),
             prior=prior_information(problem.prior),
             own=tuple(own_factors(problem, path) for path in candidates),
+            correlated=frozenset(
+                other
+                for other in problem.robots
+                if other != robot and starts_correlated(problem, robot, other)
+            ),
         )
 
     def evaluate(
@@ -183,9 +190,10 @@ class AsPublished:
         if len(marked) < len(state.candidates):
             shift = sum((_local_change(before, state, robot) for robot in changed), start=shift)
         kept, fallbacks = [], 0
+        common = _common_information(state) if first else state.prior
         for place in range(len(state.candidates)):
             if first:
-                kept.append(_from_scratch(state, place))
+                kept.append(_from_scratch(state, common, place))
             elif place in marked:
                 updated, fell_back = _reevaluated(state, place, before.kept[place])
                 kept.append(updated)
@@ -205,7 +213,7 @@ class AsPublished:
     ) -> tuple[int, ...]:
         """Candidates to re-evaluate: Algorithm 1, and (39) where current poses are correlated."""
         for robot in changed:
-            if starts_correlated(state.problem, state.robot, robot):
+            if robot in state.correlated:
                 key = state.problem.start_keys[state.robot]
                 old, new = (
                     marginal_covariance(_local_information(held, robot), [key])
@@ -266,16 +274,21 @@ def _with_announced(
     return replace(state, announced=factors, pairs=pairs, evaluations=count), changed
 
 
-def _from_scratch(state: AsPublishedState, place: int) -> CandidateInformation:
-    """Lambda of one candidate put together from all factors: equation (12)."""
-    factors = list(state.own[place])
-    for robot, announced in state.announced.items():
-        factors += announced.local.values()
-        factors += [f for fs in state.pairs[robot][place].by_vertex.values() for f in fs]
+def _common_information(state: AsPublishedState) -> SparseInformation:
+    """Prior, announced paths and the factors among them: what all candidates share in (12)."""
+    factors = [f for announced in state.announced.values() for f in announced.local.values()]
     for first, second in combinations(state.announced.values(), 2):
         factors += factors_among(state.problem, first, second)
-    information = update_information(state.prior, factors, add=True)
+    return update_information(state.prior, factors, add=True)
+
+
+def _from_scratch(
+    state: AsPublishedState, common: SparseInformation, place: int
+) -> CandidateInformation:
+    """Lambda of one candidate put together from all factors: equation (12)."""
     pairs = {robot: state.pairs[robot][place] for robot in state.announced}
+    joined = [f for pair in pairs.values() for fs in pair.by_vertex.values() for f in fs]
+    information = update_information(common, [*state.own[place], *joined], add=True)
     terms = _terms(state, place, information)
     return CandidateInformation(information, state.announced, pairs, terms)
 
@@ -308,7 +321,7 @@ def _reevaluated(
     try:
         terms = _terms(state, place, information)
     except IllPosedBeliefError:
-        return _from_scratch(state, place), True
+        return _from_scratch(state, _common_information(state), place), True
     return CandidateInformation(information, state.announced, pairs, terms), False
 
 
