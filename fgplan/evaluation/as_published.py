@@ -57,6 +57,7 @@ from fgplan.evaluation.term_values import (
 )
 from fgplan.evaluation.vertex_factors import (
     AnnouncedFactors,
+    CandidateInformation,
     PairFactors,
     announced_factors,
     factors_among,
@@ -67,23 +68,6 @@ from fgplan.factors.path_factors import pose_key
 from fgplan.models.uncertainty import uncertainty_function
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CandidateInformation:
-    """What is kept of one candidate.
-
-    Attributes:
-        information: Lambda.
-        announced: The announced paths that it holds.
-        pairs: The multi-robot factors with them that it holds.
-        terms: Unweighted terms, shape (T,).
-    """
-
-    information: SparseInformation
-    announced: Mapping[str, AnnouncedFactors]
-    pairs: Mapping[str, PairFactors]
-    terms: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,11 +12,16 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 from fgplan.beliefs.from_scratch import own_part, pair_part
-from fgplan.beliefs.information import FactorInformation, Variable, factor_informations
+from fgplan.beliefs.information import (
+    FactorInformation,
+    SparseInformation,
+    Variable,
+    factor_informations,
+)
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.factors.path_factors import path_keys
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import Key
+from fgplan.typing import FloatArray, Key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +52,23 @@ class PairFactors:
     by_vertex: Mapping[Variable, tuple[FactorInformation, ...]]
     joined: frozenset[tuple[bytes, Variable]]
     vertices: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateInformation:
+    """What is kept of one candidate.
+
+    Attributes:
+        information: Lambda.
+        announced: The announced paths that it holds.
+        pairs: The multi-robot factors with them that it holds.
+        terms: Unweighted terms, shape (T,).
+    """
+
+    information: SparseInformation
+    announced: Mapping[str, AnnouncedFactors]
+    pairs: Mapping[str, PairFactors]
+    terms: FloatArray
 
 
 def announced_factors(problem: PlanningProblem, path: CandidatePath) -> AnnouncedFactors:
