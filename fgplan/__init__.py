@@ -2,13 +2,24 @@
 
 Names are imported when they are first used, so that `import fgplan` is quick and pulls in nothing
 that is not needed. Roadmaps and maps are in the package `roadmaps`.
+
+A plan in four lines:
+
+    import fgplan, numpy as np
+    mission = fgplan.load_mission("examples/scenarios/two_robots.toml")
+    planner = fgplan.find_planner("impacted_paths")
+    plan = planner.plan(mission, np.random.default_rng(mission.seed))
 """
 
 import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from fgplan.announcement.announcement import Announcement as Announcement
+    from fgplan.announcement.ledger import Ledger as Ledger
     from fgplan.beliefs.belief import Belief as Belief
+    from fgplan.beliefs.candidate_belief import CandidateBelief as CandidateBelief
+    from fgplan.beliefs.candidate_belief import candidate_belief as candidate_belief
     from fgplan.errors import FgplanError as FgplanError
     from fgplan.errors import IllPosedBeliefError as IllPosedBeliefError
     from fgplan.errors import InvalidInputError as InvalidInputError
@@ -17,9 +28,13 @@ if TYPE_CHECKING:
     from fgplan.errors import ScenarioError as ScenarioError
     from fgplan.errors import StaleAnnouncementError as StaleAnnouncementError
     from fgplan.errors import UnknownNameError as UnknownNameError
+    from fgplan.evaluation.as_published import AsPublished as AsPublished
     from fgplan.evaluation.evaluations import AbstractEvaluator as AbstractEvaluator
     from fgplan.evaluation.evaluations import Evaluations as Evaluations
     from fgplan.evaluation.evaluations import ReevaluationReport as ReevaluationReport
+    from fgplan.evaluation.from_scratch import FromScratch as FromScratch
+    from fgplan.evaluation.incremental.evaluator import Incremental as Incremental
+    from fgplan.evaluation.isam2 import Isam2 as Isam2
     from fgplan.evaluation.objective import Objective as Objective
     from fgplan.evaluation.objective import PathLengthTerm as PathLengthTerm
     from fgplan.evaluation.objective import PathTerm as PathTerm
@@ -55,6 +70,15 @@ if TYPE_CHECKING:
     from fgplan.planners.mission import Mission as Mission
     from fgplan.planners.mission import MissionRobot as MissionRobot
     from fgplan.planners.mission import MissionTarget as MissionTarget
+    from fgplan.planners.plan import Plan as Plan
+    from fgplan.planners.plan import RobotPlan as RobotPlan
+    from fgplan.planners.planner import AbstractPlanner as AbstractPlanner
+    from fgplan.planners.registry import find_planner as find_planner
+    from fgplan.planners.registry import register_planner as register_planner
+    from fgplan.simulation.simulate import simulate as simulate
+    from fgplan.simulation.sweep import SweepTask as SweepTask
+    from fgplan.simulation.sweep import run_sweep as run_sweep
+    from fgplan.simulation.world import World as World
     from fgplan.team.agreement import Agreement as Agreement
     from fgplan.team.coordination import coordinate as coordinate
     from fgplan.team.in_process import InProcessTransport as InProcessTransport
@@ -64,21 +88,29 @@ if TYPE_CHECKING:
 
 MODULE_OF = {
     "AbstractEvaluator": "fgplan.evaluation.evaluations",
+    "AbstractPlanner": "fgplan.planners.planner",
     "AbstractSensor": "fgplan.models.sensor",
     "Agreement": "fgplan.team.agreement",
+    "Announcement": "fgplan.announcement.announcement",
+    "AsPublished": "fgplan.evaluation.as_published",
     "BearingRangeSensor": "fgplan.models.range_bearing",
     "BearingSensor": "fgplan.models.range_bearing",
     "Belief": "fgplan.beliefs.belief",
+    "CandidateBelief": "fgplan.beliefs.candidate_belief",
     "CandidatePath": "fgplan.paths.candidate_path",
     "CoordinationOptions": "fgplan.team.options",
     "Criterion": "fgplan.paths.multi_robot",
     "DistanceCriterion": "fgplan.paths.multi_robot",
     "Evaluations": "fgplan.evaluation.evaluations",
     "FgplanError": "fgplan.errors",
+    "FromScratch": "fgplan.evaluation.from_scratch",
     "G2oGraph": "fgplan.io.g2o",
     "IllPosedBeliefError": "fgplan.errors",
     "InProcessTransport": "fgplan.team.in_process",
+    "Incremental": "fgplan.evaluation.incremental.evaluator",
     "InvalidInputError": "fgplan.errors",
+    "Isam2": "fgplan.evaluation.isam2",
+    "Ledger": "fgplan.announcement.ledger",
     "MissingExtraError": "fgplan.errors",
     "Mission": "fgplan.planners.mission",
     "MissionRobot": "fgplan.planners.mission",
@@ -92,27 +124,36 @@ MODULE_OF = {
     "PastState": "fgplan.evaluation.problem",
     "PathLengthTerm": "fgplan.evaluation.objective",
     "PathTerm": "fgplan.evaluation.objective",
+    "Plan": "fgplan.planners.plan",
     "PlanningProblem": "fgplan.evaluation.problem",
     "PosesOf": "fgplan.evaluation.objective",
     "PriorVariables": "fgplan.evaluation.objective",
     "RangeSensor": "fgplan.models.range_bearing",
     "ReevaluationReport": "fgplan.evaluation.evaluations",
     "RelativePoseSensor": "fgplan.models.relative_pose",
+    "RobotPlan": "fgplan.planners.plan",
     "ScenarioError": "fgplan.errors",
     "StaleAnnouncementError": "fgplan.errors",
     "State": "fgplan.paths.state",
+    "SweepTask": "fgplan.simulation.sweep",
     "Trajectory": "fgplan.evaluation.objective",
     "Transport": "fgplan.team.transport",
     "TravelTimeTerm": "fgplan.evaluation.objective",
     "UncertaintyFunction": "fgplan.models.uncertainty",
     "UncertaintyTerm": "fgplan.evaluation.objective",
     "UnknownNameError": "fgplan.errors",
+    "World": "fgplan.simulation.world",
+    "candidate_belief": "fgplan.beliefs.candidate_belief",
     "coordinate": "fgplan.team.coordination",
+    "find_planner": "fgplan.planners.registry",
     "length_and_uncertainty": "fgplan.evaluation.objective",
     "load_mission": "fgplan.io.mission_file",
     "read_g2o": "fgplan.io.g2o",
     "read_result": "fgplan.io.result_file",
+    "register_planner": "fgplan.planners.registry",
     "register_uncertainty": "fgplan.models.uncertainty",
+    "run_sweep": "fgplan.simulation.sweep",
+    "simulate": "fgplan.simulation.simulate",
     "uncertainty_function": "fgplan.models.uncertainty",
     "write_g2o": "fgplan.io.g2o",
     "write_result": "fgplan.io.result_file",
