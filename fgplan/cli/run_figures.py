@@ -26,11 +26,11 @@ def draw_run_figures(folder: Path) -> tuple[Path, ...]:
     record = read_record(folder)
     workspace = record.workspace.workspace()
     team = tuple(record.goals)
-    figures = {
-        "candidate_paths": candidate_paths_figure(
+    figures = {}
+    if any(record.candidates.values()):
+        figures["candidate_paths"] = candidate_paths_figure(
             record.candidates, workspace=workspace, goals=record.goals
         )
-    }
     if record.chosen:
         figures["chosen_paths"] = chosen_paths_figure(
             record.chosen,

@@ -1,6 +1,7 @@
 """``fgplan run`` and ``fgplan plot``: the run folder, the same plan again, figures again."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,70 @@ def test_wrong_planner_ends_with_two(tmp_path, capsys, old, new, words):
     error = capsys.readouterr().err
     for word in words:
         assert word in error
+
+
+OWN_PLANNER = """
+import numpy as np
+from fgplan.planners.plan import Plan, RobotPlan
+
+class StayHome:
+    name = "stay_home"
+
+    def plan(self, mission, generator, progress=None):
+        robots = tuple(
+            RobotPlan(
+                robot=robot.name,
+                start=mission.prior.pose(robot.start_key),
+                path=None,
+                covariances=mission.prior.covariance(robot.start_key)[None],
+                goals=robot.goals,
+            )
+            for robot in mission.robots
+        )
+        return Plan(
+            planner=self.name,
+            mission=mission.name,
+            scenario_digest=mission.digest,
+            seed=mission.seed,
+            robots=robots,
+            details=dict(mission.options),
+        )
+"""
+
+
+def test_own_planner_lies_beside_the_scenario(tmp_path, capsys):
+    (tmp_path / "home_planner.py").write_text(OWN_PLANNER)
+    text = EXAMPLE.read_text().replace("impacted_paths", "home_planner:StayHome", 1)
+    text = text.replace("[planner.impacted_paths]", '[planner."home_planner:StayHome"]')
+    (tmp_path / "team.toml").write_text(text)
+    out = tmp_path / "out"
+    assert main(["run", str(tmp_path / "team.toml"), "--out", str(out), "--quick"]) == 0
+    assert "ann: stays" in capsys.readouterr().out
+    assert plans(out)[0].details == {"candidates": 8}
+    assert read_record(out).chosen == {}
+    assert main(["plot", str(out)]) == 0
+
+
+def test_exhaustive_planner_runs_from_a_scenario(tmp_path):
+    text = EXAMPLE.read_text().replace("impacted_paths", "exhaustive")
+    (tmp_path / "team.toml").write_text(text.replace("candidates = 10", "candidates = 3"))
+    out = tmp_path / "out"
+    assert main(["run", str(tmp_path / "team.toml"), "--out", str(out), "--quick"]) == 0
+    assert [item.candidates for item in plans(out)[0].robots] == [3, 3]
+    assert set(read_record(out).candidates) == {"ann", "bob"}
+
+
+def test_run_without_matplotlib_keeps_the_record_and_says_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert main(["run", str(EXAMPLE), "--out", str(tmp_path), "--quick"]) == 0
+    assert "no figures: " in capsys.readouterr().out
+    assert not list(tmp_path.glob("*.png"))
+    assert read_record(tmp_path).chosen
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "fgplan[viz]" in capsys.readouterr().err
+
+
+def test_other_content_of_a_record_is_refused(tmp_path, capsys):
+    (tmp_path / "record.json").write_text('{"name": 3}')
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "expected the record of a run" in capsys.readouterr().err
