@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Pose = FloatArray
 Covariance = FloatArray
 InformationMatrix = FloatArray
@@ -23,6 +24,7 @@ Key = int
 
 __all__ = [
     "ArrayLike",
+    "BoolArray",
     "Covariance",
     "FloatArray",
     "Hashable",

@@ -113,7 +113,9 @@ def draw_world(
             problem,
             name,
             motion,
-            find_perturbed_paths(matrix, index, robots + index, candidates, generator, spread=SPREAD),
+            find_perturbed_paths(
+                matrix, index, robots + index, candidates, generator, spread=SPREAD
+            ),
         )
         for index, name in enumerate(names)
     }

@@ -17,6 +17,7 @@ from fgplan.evaluation.objective import (
     Trajectory,
     UncertaintyTerm,
 )
+from fgplan.factors.keys import check_no_future_keys, describe_key
 from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import MultiRobotModel
@@ -72,8 +73,15 @@ class PlanningProblem:
             raise InvalidInputError(
                 f"planning problem: expected planar or spatial robots, got both: {dims}"
             )
+        check_no_future_keys(self.prior.keys)
+        seen: set[Key] = set()
         for past in self.past_states:
             self.prior.dim(past.key)
+            if past.key in seen:
+                raise InvalidInputError(
+                    f"past state {describe_key(past.key)}: expected each once, got it twice"
+                )
+            seen.add(past.key)
             if past.state.robot not in self.start_keys:
                 raise UnknownNameError(f"past state: robot {past.state.robot!r} is not in the team")
         for term in self.objective.terms:

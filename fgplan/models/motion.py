@@ -92,7 +92,9 @@ class MotionModel:
             Shape (L, d, d).
         """
         if poses.ndim == 3:
-            steps = [self.covariance(between(a, b)) for a, b in zip(poses[:-1], poses[1:], strict=True)]
+            steps = [
+                self.covariance(between(a, b)) for a, b in zip(poses[:-1], poses[1:], strict=True)
+            ]
             return np.array(steps)
         way = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
         turn = np.diff(poses[:, 2])

@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
 from fgplan.models.pose import point_jacobian, position_in, rotation_matrix
-from fgplan.typing import Covariance, FloatArray, IntArray, Jacobian, Pose
+from fgplan.typing import BoolArray, Covariance, FloatArray, Jacobian, Pose
 
 MIN_DISTANCE_M = 1e-9
 """Nearer than this a range or bearing has no direction: not visible."""
@@ -26,7 +26,7 @@ MIN_DISTANCE_M = 1e-9
 class SightLines(Protocol):
     """What a sensor asks of a world: which straight lines are free."""
 
-    def has_line_of_sight(self, starts: FloatArray, ends: FloatArray) -> IntArray:
+    def has_line_of_sight(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """Whether segments from (n, 2) to (n, 2), metres, are free: shape (n,), boolean."""
         ...
 
@@ -74,7 +74,9 @@ class AbstractSensor(ABC):
             return False
         if self.field_of_view_rad < 2.0 * np.pi:
             ahead = rotation_matrix(pose)[:, 0]
-            cosine = float(ahead @ offset[: ahead.size]) / float(np.linalg.norm(offset[: ahead.size]))
+            cosine = float(ahead @ offset[: ahead.size]) / float(
+                np.linalg.norm(offset[: ahead.size])
+            )
             if np.arccos(np.clip(cosine, -1.0, 1.0)) > 0.5 * self.field_of_view_rad:
                 return False
         if world is None:
@@ -96,7 +98,9 @@ class AbstractSensor(ABC):
             Rows by pose tangent, shape (m, d), and by target, shape (m, n).
         """
         by_pose, by_target = self.jacobians(pose, target)
-        return whiten(self.noise(pose, target) if covariance is None else covariance, by_pose, by_target)
+        return whiten(
+            self.noise(pose, target) if covariance is None else covariance, by_pose, by_target
+        )
 
     def linearise_between(
         self, pose: Pose, other: Pose, covariance: Covariance | None = None

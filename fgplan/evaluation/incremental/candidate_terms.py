@@ -160,9 +160,7 @@ def _at_a_cut(
     lengths = np.full(len(subset), length, np.int64)
     pool = build(table, memory.fixed, memory.moving, universe, subset, lengths, reads[subset])
     work.rebuilt += len(subset)
-    covariance = _solved(
-        turn, level, pool, np.arange(len(subset)), columns, reads, work, length
-    )
+    covariance = _solved(turn, level, pool, np.arange(len(subset)), columns, reads, work, length)
     return _reorder(covariance, cut, memory.robot)
 
 

@@ -42,7 +42,8 @@ from fgplan.evaluation.incremental.turn import (
     separable,
     touched_keys,
 )
-from fgplan.evaluation.incremental.universe import Numbering, fixed_blocks
+from fgplan.evaluation.incremental.numbering import Numbering
+from fgplan.evaluation.incremental.universe import fixed_blocks
 from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.evaluation.term_values import path_values, prior_covariances
@@ -204,9 +205,7 @@ class Incremental:
         problem = memory.problem
         uncertain = any(isinstance(t, UncertaintyTerm) for t in problem.objective.terms)
         if not (
-            uncertain
-            and problem.objective.bounded
-            and reads_only_the_end(problem, memory.robot)
+            uncertain and problem.objective.bounded and reads_only_the_end(problem, memory.robot)
         ):
             after, found = self.evaluate(memory, announced)
             note = "no bound: a term is not monotone, has a negative weight or reads before the end"

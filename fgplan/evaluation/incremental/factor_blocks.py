@@ -130,7 +130,9 @@ def merge(tables: Sequence[FactorBlocks]) -> FactorBlocks:
     count = sum(np.diff(table.pointer) for table in tables)
     pointer = np.zeros(len(tables[0].pointer), np.int64)
     pointer[1:] = np.cumsum(count)
-    owner = np.concatenate([np.repeat(np.arange(len(t.pointer) - 1), np.diff(t.pointer)) for t in tables])
+    owner = np.concatenate(
+        [np.repeat(np.arange(len(t.pointer) - 1), np.diff(t.pointer)) for t in tables]
+    )
     order = np.argsort(owner, kind="stable")
     return FactorBlocks(
         pointer,
@@ -153,7 +155,9 @@ def observation_rows(
     for seen in observations:
         sensor = problem.sensors[seen.sensor]
         landmark = problem.prior.point(seen.landmark)
-        rows.append((variable_of(seen.landmark), *sensor.linearise(pose, landmark, seen.covariance)))
+        rows.append(
+            (variable_of(seen.landmark), *sensor.linearise(pose, landmark, seen.covariance))
+        )
     return rows
 
 

@@ -40,13 +40,14 @@ def near_pairs(
         Row pointer of shape (A + 1,) and indices into ``other``, shape (M,).
     """
     pointer = np.zeros(own.shape[0] + 1, np.int64)
-    square = distance_m * distance_m
     for a in range(own.shape[0]):
         count = 0
         for b in range(other.shape[0]):
             x = own[a, 0] - other[b, 0]
             y = own[a, 1] - other[b, 1]
-            if x * x + y * y < square and _differ(own_place[a], other_place[b], each_once):
+            if np.sqrt(x * x + y * y) < distance_m and _differ(
+                own_place[a], other_place[b], each_once
+            ):
                 count += 1
         pointer[a + 1] = pointer[a] + count
     found = np.empty(pointer[-1], np.int64)
@@ -57,7 +58,9 @@ def near_pairs(
         for b in range(other.shape[0]):
             x = own[a, 0] - other[b, 0]
             y = own[a, 1] - other[b, 1]
-            if x * x + y * y < square and _differ(own_place[a], other_place[b], each_once):
+            if np.sqrt(x * x + y * y) < distance_m and _differ(
+                own_place[a], other_place[b], each_once
+            ):
                 found[m] = b
                 m += 1
     return pointer, found

@@ -14,7 +14,7 @@ import numpy as np
 
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
-from fgplan.evaluation.incremental.universe import Numbering
+from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import IntArray
 
@@ -105,9 +105,7 @@ def factor_change(
     dirty = _any_by_state(before, removed, states) | _any_by_state(after, added, states)
     involved = (np.diff(before.pointer) > 0) | (np.diff(after.pointer) > 0)
     count = int(added.sum())
-    return FactorChange(
-        count, int(removed.sum()), len(after.variable) - count, dirty, involved
-    )
+    return FactorChange(count, int(removed.sum()), len(after.variable) - count, dirty, involved)
 
 
 def _any_by_state(blocks: FactorBlocks, flag: IntArray, states: int) -> IntArray:
@@ -167,9 +165,7 @@ class Components:
         return np.array([self._find(node) for node in range(len(self.parent))], np.int64)
 
 
-def touched_candidates(
-    candidate_states: IntArray, flags: IntArray
-) -> IntArray:
+def touched_candidates(candidate_states: IntArray, flags: IntArray) -> IntArray:
     """Candidates with a flagged own state: shape (N, Lmax), -1 padded, and (A,) to (N,)."""
     padded = np.append(flags, False)
     return padded[candidate_states].any(axis=1)

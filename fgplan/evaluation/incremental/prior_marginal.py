@@ -94,7 +94,9 @@ def restrict(wide: PriorMarginal, keys: Sequence[Key]) -> PriorMarginal:
     return _marginal(tuple(keys), wide.dims[kept], triangle[-size:, -size:])
 
 
-def _marginal(keys: tuple[Key, ...], dims: Sequence[int] | IntArray, rows: FloatArray) -> PriorMarginal:
+def _marginal(
+    keys: tuple[Key, ...], dims: Sequence[int] | IntArray, rows: FloatArray
+) -> PriorMarginal:
     """Find the connected components: variables that share a row of R."""
     widths = np.asarray(dims, np.int64)
     offsets = np.cumsum(widths) - widths

@@ -28,8 +28,8 @@ from fgplan.evaluation.incremental.impact import (
 )
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.prior_marginal import eliminate_history, restrict
+from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.universe import (
-    Numbering,
     Universe,
     build_universe,
     fixed_blocks,
@@ -161,9 +161,7 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
         if robot in new:
             path = new[robot]
             landmarks = [o.landmark for o in path.observations]
-            keys.update(
-                dict.fromkeys(touched_keys(problem, states_of(problem, [path]), landmarks))
-            )
+            keys.update(dict.fromkeys(touched_keys(problem, states_of(problem, [path]), landmarks)))
     longest = max((path.steps for path in new.values()), default=0)
     if len(keys) == len(numbering.prior_keys) and longest <= numbering.capacity:
         return memory

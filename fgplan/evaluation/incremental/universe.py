@@ -5,9 +5,6 @@ others, with the prior, the others' motion and observation factors, and the mult
 among them. Its information is a sum of blocks, built anew from the factors each time (nothing is
 ever subtracted), and S is its inverse by Cholesky. One S serves all candidates. Where a pivot has
 cancelled - a loose prior beside tight odometry - S comes from a QR of the whitened rows instead.
-
-Variables have fixed numbers, so that messages survive an announcement: pose s of robot q is
-q * capacity + s - 1, and prior variables follow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,37 +25,15 @@ from fgplan.evaluation.incremental.factor_blocks import (
     stack_rows,
     states_of,
 )
+from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath, Observation
-from fgplan.typing import Covariance, FloatArray, IntArray, Key
+from fgplan.typing import Covariance, FloatArray, IntArray
 
 CANCELLATION_LIMIT = 1e-5
 """A squared pivot below this share of its diagonal entry has lost too many digits."""
-
-
-@dataclass(frozen=True, slots=True)
-class Numbering:
-    """Numbers of variables.
-
-    Attributes:
-        robots: Names in team order.
-        capacity: Most steps of an announced path.
-        prior_keys: Touched variables of the prior, in order; new ones are appended.
-    """
-
-    robots: tuple[str, ...]
-    capacity: int
-    prior_keys: tuple[Key, ...]
-
-    def pose(self, robot: str, step: int) -> int:
-        """Number of an announced pose, step 1 and up."""
-        return self.robots.index(robot) * self.capacity + step - 1
-
-    def prior(self, key: Key) -> int:
-        """Number of a prior variable."""
-        return len(self.robots) * self.capacity + self.prior_keys.index(key)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,20 +7,16 @@ reports that digits were lost.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from fgplan.evaluation.incremental.factor_blocks import joint_rows, observation_rows
+from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from fgplan.evaluation.incremental.universe import Numbering
 
 Row = list[tuple[int, FloatArray]]
 """One factor: (first column, whitened block) of each variable."""
@@ -28,7 +24,7 @@ Row = list[tuple[int, FloatArray]]
 
 def universe_rows(
     problem: PlanningProblem,
-    numbering: "Numbering",
+    numbering: Numbering,
     prior: PriorMarginal,
     announced: Mapping[str, CandidatePath],
     column: IntArray,
@@ -60,7 +56,7 @@ def universe_rows(
 
 def path_rows(
     problem: PlanningProblem,
-    numbering: "Numbering",
+    numbering: Numbering,
     path: CandidatePath,
     at: Sequence[int],
     column: IntArray,
@@ -95,7 +91,7 @@ def path_rows(
 
 def meeting_rows(
     problem: PlanningProblem,
-    numbering: "Numbering",
+    numbering: Numbering,
     path: CandidatePath,
     at: Sequence[int],
     other: CandidatePath,
@@ -132,7 +128,7 @@ def stacked(factors: Sequence[Row], size: int) -> FloatArray:
 
 def posterior_by_qr(
     problem: PlanningProblem,
-    numbering: "Numbering",
+    numbering: Numbering,
     others: FloatArray,
     column: IntArray,
     path: CandidatePath,
@@ -175,8 +171,6 @@ def posterior_by_qr(
     return half @ half.T
 
 
-def _start(
-    problem: PlanningProblem, numbering: "Numbering", column: IntArray, robot: str
-) -> int:
+def _start(problem: PlanningProblem, numbering: Numbering, column: IntArray, robot: str) -> int:
     """Column of a robot's current pose."""
     return int(column[numbering.prior(problem.start_keys[robot])])
