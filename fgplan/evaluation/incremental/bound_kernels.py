@@ -19,41 +19,53 @@ w'w + (w'Y) I_v^-1 (w'Y)', any other variable g: B_g I_v^-1 B_g'.
 import numpy as np
 from numba import njit
 
+from fgplan.evaluation.incremental.candidate_table import MotionBlocks
+from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
+from fgplan.typing import FloatArray, IntArray
+
 LOSS_LIMIT = 1e5
 """Largest ratio of the terms of a diagonal entry of I_v to its pivot; beyond it, no bound."""
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _add_state(
-    pointer, variable, own, cross, other, s, column, width, columns_b, diagonal, right, rows, used
-):
+    factors: FactorBlocks,
+    s: int,
+    column: IntArray,
+    width: IntArray,
+    columns_b: FloatArray,
+    diagonal: FloatArray,
+    right: FloatArray,
+    rows: FloatArray,
+    used: int,
+) -> int:
     """Add one state's factors; returns the number of rows of sqrt(D) B used so far."""
     d = diagonal.shape[0]
     k = columns_b.shape[1]
     root = np.empty((d, d))
-    for m in range(pointer[s], pointer[s + 1]):
-        v = variable[m]
+    for m in range(factors.pointer[s], factors.pointer[s + 1]):
+        v = factors.variable[m]
         col = column[v]
         if col < 0:
             continue
         size = width[v]
         for a in range(d):
             for b in range(d):
-                diagonal[a, b] += own[m, a, b]
+                diagonal[a, b] += factors.own[m, a, b]
         for a in range(size):
             from_b = columns_b[col + a]
             for i in range(d):
-                weight = cross[m, a, i]
+                weight = factors.cross[m, a, i]
                 target = right[i]
                 for j in range(k):
                     target[j] += weight * from_b[j]
         for a in range(size):
             for b in range(a + 1):
-                total = other[m, a, b]
+                total = factors.other[m, a, b]
                 for t in range(b):
                     total -= root[a, t] * root[b, t]
                 if a == b:
-                    root[a, a] = np.sqrt(total) if total > 1e-13 * other[m, a, a] else 0.0
+                    root[a, a] = np.sqrt(total) if total > 1e-13 * factors.other[m, a, a] else 0.0
                 else:
                     root[a, b] = total / root[b, b] if root[b, b] > 0.0 else 0.0
         for a in range(size):
@@ -71,17 +83,30 @@ def _add_state(
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def lower_covariances(
-    candidates, lengths, states, motion_late, motion_cross, motion_early,
-    fixed_pointer, fixed_variable, fixed_own, fixed_cross, fixed_other,
-    moving_pointer, moving_variable, moving_own, moving_cross, moving_other,
-    column, width, columns_b, start, read_own, read_columns, valid, out,
-):  # fmt: skip
+    candidates: IntArray,
+    lengths: IntArray,
+    states: IntArray,
+    motion: MotionBlocks,
+    fixed: FactorBlocks,
+    moving: FactorBlocks,
+    column: IntArray,
+    width: IntArray,
+    columns_b: FloatArray,
+    start: int,
+    read_own: int,
+    read_columns: IntArray,
+    valid: IntArray,
+    out: FloatArray,
+) -> None:
     """Lower bounds on the joint covariance of what is read, for some candidates.
 
     Args:
         candidates: Shape (n,), indices of candidates.
         lengths: Shape (n,), steps of each; the last pose is the own pose that is read.
-        states: And the motion and factor arrays: see ``build_messages``.
+        states: Shape (N, Lmax), own state of each candidate and step.
+        motion: Blocks of the motion factors, by candidate and step.
+        fixed: Factors of the own states that do not depend on announcements.
+        moving: Factors of the own states with announced poses.
         column: Shape (V,), first scalar of each variable in S, or -1.
         width: Shape (V,), dimension of each variable.
         columns_b: B, shape (U, k).
@@ -91,7 +116,7 @@ def lower_covariances(
         valid: Out: shape (n,), 1 where the bound may be used.
         out: Out: shape (n, d + g, d + g).
     """
-    d = motion_late.shape[2]
+    d = motion.late.shape[2]
     k = columns_b.shape[1]
     own = d * read_own
     read = own + read_columns.shape[0]
@@ -101,8 +126,8 @@ def lower_covariances(
         count = 0
         for i in range(lengths[n]):
             s = states[candidates[n], i]
-            count += fixed_pointer[s + 1] - fixed_pointer[s]
-            count += moving_pointer[s + 1] - moving_pointer[s]
+            count += fixed.pointer[s + 1] - fixed.pointer[s]
+            count += moving.pointer[s + 1] - moving.pointer[s]
         most = max(most, count)
         longest = max(longest, lengths[n])
     rows = np.empty((most * d + d + 1, k))
@@ -123,28 +148,22 @@ def lower_covariances(
             s = states[c, i]
             for a in range(d):
                 for b in range(d):
-                    diagonal[a, b] = motion_late[c, i, a, b]
+                    diagonal[a, b] = motion.late[c, i, a, b]
                     if i + 1 < length:
-                        diagonal[a, b] += motion_early[c, i + 1, a, b]
+                        diagonal[a, b] += motion.early[c, i + 1, a, b]
                 for j in range(k):
                     right[a, j] = 0.0
             if i == 0:
                 for a in range(d):
                     for b in range(d):
                         for j in range(k):
-                            right[a, j] += motion_cross[c, 0, a, b] * columns_b[start + b, j]
-            used = _add_state(
-                fixed_pointer, fixed_variable, fixed_own, fixed_cross, fixed_other, s, column,
-                width, columns_b, diagonal, right, rows, used,
-            )  # fmt: skip
-            used = _add_state(
-                moving_pointer, moving_variable, moving_own, moving_cross, moving_other, s,
-                column, width, columns_b, diagonal, right, rows, used,
-            )  # fmt: skip
+                            right[a, j] += motion.cross[c, 0, a, b] * columns_b[start + b, j]
+            used = _add_state(fixed, s, column, width, columns_b, diagonal, right, rows, used)
+            used = _add_state(moving, s, column, width, columns_b, diagonal, right, rows, used)
             if i > 0:
                 for a in range(d):
                     for b in range(d):
-                        total = motion_cross[c, i, a, b]
+                        total = motion.cross[c, i, a, b]
                         for t in range(b):
                             total -= carry[a, t] * lower[b, t]
                         carry[a, b] = total / lower[b, b]
@@ -183,7 +202,7 @@ def lower_covariances(
                     right_before[a, j] = right[a, j]
         for a in range(d):
             for b in range(a + 1):
-                total = motion_early[c, 0, a, b]
+                total = motion.early[c, 0, a, b]
                 for t in range(b):
                     total -= carry[a, t] * carry[b, t]
                 carry[a, b] = np.sqrt(max(total, 0.0)) if a == b else total / carry[b, b]

@@ -7,6 +7,7 @@ consecutive poses have whitened rows A1 = -W Ad(h^-1), A2 = W with h the relativ
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,20 @@ from fgplan.models.pose import adjoint, between
 from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.paths.state import State
 from fgplan.typing import FloatArray, IntArray
+
+
+class MotionBlocks(NamedTuple):
+    """Blocks of motion factors; a tuple, because compiled code takes it as it is.
+
+    Attributes:
+        late: A2'A2 of the motion into each step, (N, Lmax, d, d) by candidate or (M, d, d).
+        cross: A2'A1, the same shape.
+        early: A1'A1, the same shape.
+    """
+
+    late: FloatArray
+    cross: FloatArray
+    early: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +43,7 @@ class CandidateTable:
         poses: Shape (A, 3) or (A, 4, 4), poses of the distinct own states.
         vertices: Shape (A,), their roadmap vertices.
         observations: Planned observations from each distinct state.
-        motion_late: Shape (N, Lmax, d, d), A2'A2 of the motion into each step.
-        motion_cross: The same, A2'A1.
-        motion_early: The same, A1'A1.
+        motion: Blocks of the motion factors, each of shape (N, Lmax, d, d).
     """
 
     paths: tuple[CandidatePath, ...]
@@ -40,9 +53,7 @@ class CandidateTable:
     poses: FloatArray
     vertices: IntArray
     observations: tuple[tuple[Observation, ...], ...]
-    motion_late: FloatArray
-    motion_cross: FloatArray
-    motion_early: FloatArray
+    motion: MotionBlocks
 
     def distinct(self) -> list[State]:
         """The distinct own states."""
@@ -63,12 +74,14 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
     lengths = np.array([path.steps for path in paths], np.int64)
     longest = int(lengths.max())
     inside = np.arange(longest) < lengths[:, None]
-    late, cross, early = np.zeros((3, len(paths), longest, dim, dim))
-    late[inside], cross[inside], early[inside] = step_blocks(
+    flat_motion = step_blocks(
         np.concatenate([path.poses[:-1] for path in paths]),
         np.concatenate([path.poses[1:] for path in paths]),
         np.concatenate([path.motion_covariances for path in paths]),
     )
+    motion = MotionBlocks(*(np.zeros((len(paths), longest, dim, dim)) for _ in flat_motion))
+    for padded, blocks in zip(motion, flat_motion, strict=True):
+        padded[inside] = blocks
     poses = np.concatenate([path.poses[1:] for path in paths])
     steps = np.concatenate([np.arange(1.0, length + 1.0) for length in lengths.tolist()])
     times = np.concatenate([path.times_s[1:] for path in paths])
@@ -93,9 +106,7 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
         poses=np.ascontiguousarray(poses[first]),
         vertices=vertices[first],
         observations=tuple(observed.get(at, ()) for at in first.tolist()),
-        motion_late=late,
-        motion_cross=cross,
-        motion_early=early,
+        motion=motion,
     )
 
 
@@ -115,9 +126,7 @@ def _observed(
     return {at: tuple(seen_here) for at, seen_here in found.items()}
 
 
-def step_blocks(
-    before: FloatArray, after: FloatArray, covariances: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def step_blocks(before: FloatArray, after: FloatArray, covariances: FloatArray) -> MotionBlocks:
     """Blocks of motion factors.
 
     Args:
@@ -126,7 +135,7 @@ def step_blocks(
         covariances: Shape (M, d, d), noise in the tangent of the pose after.
 
     Returns:
-        A2'A2, A2'A1 and A1'A1 of every step, each of shape (M, d, d).
+        Blocks of every step, each of shape (M, d, d).
     """
     information = np.linalg.inv(covariances)
     if before.ndim == 2:
@@ -143,4 +152,4 @@ def step_blocks(
     else:
         back = np.array([adjoint(between(b, a)) for a, b in zip(before, after, strict=True)])
     cross = -information @ back
-    return information, cross, -np.swapaxes(back, 1, 2) @ cross
+    return MotionBlocks(information, cross, -np.swapaxes(back, 1, 2) @ cross)

@@ -256,24 +256,13 @@ def lower_bounds(turn: Turn, subset: IntArray) -> FloatArray:
     size = int(cut.dims.sum())
     covariance = np.zeros((len(subset), size, size))
     valid = np.zeros(len(subset), np.int64)
-    fixed, moving = memory.fixed, memory.moving
     lower_covariances(
         subset,
         table.lengths[subset],
         table.states,
-        table.motion_late,
-        table.motion_cross,
-        table.motion_early,
-        fixed.pointer,
-        fixed.variable,
-        fixed.own,
-        fixed.cross,
-        fixed.other,
-        moving.pointer,
-        moving.variable,
-        moving.own,
-        moving.cross,
-        moving.other,
+        table.motion,
+        memory.fixed,
+        memory.moving,
         universe.column,
         universe.width,
         np.ascontiguousarray(scaled),

@@ -274,7 +274,7 @@ def _with_usable_pools(turn: Turn) -> Turn:
     for pool in turn.memory.pools:
         live = pool.live & ~turn.dirty[pool.candidates]
         if 2 * int(live.sum()) >= len(live):
-            pools.append(replace(pool, live=live))
+            pools.append(pool._replace(live=live))
     return replace(turn, memory=replace(turn.memory, pools=tuple(pools)))
 
 

@@ -8,6 +8,7 @@ of another and with the past states that the problem lists, never with one of it
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +21,8 @@ from fgplan.paths.state import State
 from fgplan.typing import FloatArray, IntArray, Key
 
 
-@dataclass(frozen=True, slots=True)
-class FactorBlocks:
-    """Blocks of factors, sorted by own state.
+class FactorBlocks(NamedTuple):
+    """Blocks of factors, sorted by own state; a tuple, because compiled code takes it as it is.
 
     Attributes:
         pointer: Shape (A + 1,), where the factors of each own state begin.
@@ -43,14 +43,7 @@ class FactorBlocks:
     @property
     def bytes(self) -> int:
         """Memory held."""
-        return int(
-            self.pointer.nbytes
-            + self.variable.nbytes
-            + self.rank.nbytes
-            + self.own.nbytes
-            + self.cross.nbytes
-            + self.other.nbytes
-        )
+        return sum(int(array.nbytes) for array in self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,9 +70,5 @@ class Memory:
             + self.moving.bytes
             + self.fixed.bytes
             + int(self.wide.rows.nbytes + self.prior.rows.nbytes)
-            + int(
-                self.table.motion_late.nbytes
-                + self.table.motion_cross.nbytes
-                + self.table.motion_early.nbytes
-            )
+            + sum(int(array.nbytes) for array in self.table.motion)
         )

@@ -24,10 +24,15 @@ nobody who uses the message has to multiply S by C. Nothing here is subtracted t
 except Y'Y inside Psi; where that cancels, the message is flagged and the path is evaluated by QR.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from fgplan.evaluation.incremental.candidate_table import MotionBlocks
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky_skyline, inverse_skyline
+from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
+from fgplan.evaluation.incremental.messages import MessagePool
 from fgplan.typing import FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-13
@@ -42,72 +47,117 @@ def count_interface(
     candidates: IntArray,
     lengths: IntArray,
     states: IntArray,
-    fixed_pointer: IntArray,
-    fixed_variable: IntArray,
-    moving_pointer: IntArray,
-    moving_variable: IntArray,
+    fixed: FactorBlocks,
+    moving: FactorBlocks,
     column: IntArray,
 ) -> IntArray:
-    """Number of distinct interface variables of each candidate, shape (n,)."""
+    """Number of distinct interface variables of each candidate.
+
+    Args:
+        candidates: Shape (n,), indices of candidates.
+        lengths: Shape (n,), steps of each up to the cut.
+        states: Shape (N, Lmax), own state of each candidate and step.
+        fixed: Factors of the own states that do not depend on announcements.
+        moving: Factors of the own states with announced poses.
+        column: Shape (V,), first scalar of each variable in S or -1 where the cut leaves it out.
+
+    Returns:
+        Shape (n,).
+    """
     seen = np.full(column.shape[0], -1, np.int64)
     counts = np.zeros(candidates.shape[0], np.int64)
     for n in range(candidates.shape[0]):
-        c = candidates[n]
         for i in range(lengths[n]):
-            s = states[c, i]
-            for m in range(fixed_pointer[s], fixed_pointer[s + 1]):
-                v = fixed_variable[m]
+            s = states[candidates[n], i]
+            for m in range(fixed.pointer[s], fixed.pointer[s + 1]):
+                v = fixed.variable[m]
                 if column[v] >= 0 and seen[v] != n:
                     seen[v] = n
                     counts[n] += 1
-            for m in range(moving_pointer[s], moving_pointer[s + 1]):
-                v = moving_variable[m]
+            for m in range(moving.pointer[s], moving.pointer[s + 1]):
+                v = moving.variable[m]
                 if column[v] >= 0 and seen[v] != n:
                     seen[v] = n
                     counts[n] += 1
     return counts
 
 
+class Interface(NamedTuple):
+    """Work space: what has been found of one candidate's interface.
+
+    Attributes:
+        slot_of: Shape (V,), slot of each variable, -1 for none.
+        variable: Shape (slots,), variable of each slot.
+        rows: Shape (slots,), rows of all its factors.
+        low: Shape (slots,), first step that touches it, from 0.
+        high: Shape (slots,), one beyond the last.
+        information: Shape (slots, d, d), D.
+        cross: Shape (slots d, q), sum of A_v'A_i.
+    """
+
+    slot_of: IntArray
+    variable: IntArray
+    rows: IntArray
+    low: IntArray
+    high: IntArray
+    information: FloatArray
+    cross: FloatArray
+
+
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _gather(
-    pointer, variable, rank, own, cross, other, s, i, d, column, slot_of, touched, count,
-    psi, y, big, rows, low, high,
-):  # fmt: skip
-    """Add the factors of one state: Psi, C-to-be (big) and Y-to-be (y); returns the slot count."""
-    for m in range(pointer[s], pointer[s + 1]):
-        v = variable[m]
+    factors: FactorBlocks,
+    s: int,
+    i: int,
+    column: IntArray,
+    found: Interface,
+    count: int,
+    psi: FloatArray,
+) -> int:
+    """Add the factors of state s at place i to Psi and the interface; returns its slots."""
+    d = factors.own.shape[1]
+    for m in range(factors.pointer[s], factors.pointer[s + 1]):
+        v = factors.variable[m]
         if column[v] < 0:
             continue
-        slot = slot_of[v]
+        slot = found.slot_of[v]
         if slot < 0:
             slot = count
             count += 1
-            slot_of[v] = slot
-            touched[slot] = v
-            rows[slot] = 0
-            low[slot] = i
-            big[slot, :, :] = 0.0
-            y[slot * d : slot * d + d, :] = 0.0
-        rows[slot] += rank[m]
-        high[slot] = i + 1
+            found.slot_of[v] = slot
+            found.variable[slot] = v
+            found.rows[slot] = 0
+            found.low[slot] = i
+            found.information[slot, :, :] = 0.0
+            found.cross[slot * d : slot * d + d, :] = 0.0
+        found.rows[slot] += factors.rank[m]
+        found.high[slot] = i + 1
         for a in range(d):
             for b in range(d):
-                psi[i * d + a, i * d + b] += own[m, a, b]
-                big[slot, a, b] += other[m, a, b]
-                y[slot * d + a, i * d + b] += cross[m, a, b]
+                psi[i * d + a, i * d + b] += factors.own[m, a, b]
+                found.information[slot, a, b] += factors.other[m, a, b]
+                found.cross[slot * d + a, i * d + b] += factors.cross[m, a, b]
     return count
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _split(big, y, y_row, size, rows, lo, hi, c_out, z_out, z_row):
-    """D = C C' by pivoted Cholesky and Y by substitution; returns (rank, sound)."""
+def _split(
+    big: FloatArray,
+    cross: FloatArray,
+    size: int,
+    rows: int,
+    lo: int,
+    hi: int,
+    c_out: FloatArray,
+    y_out: FloatArray,
+) -> tuple[int, bool]:
+    """D = C C' by pivoted Cholesky and Y by substitution; returns (rank, no digits lost)."""
     done = np.zeros(size, np.int64)
     remaining = np.empty(size)
     for a in range(size):
         remaining[a] = big[a, a]
     rank = 0
     sound = True
-    pivots = np.empty(size, np.int64)
     while rank < min(size, rows):
         best, share = -1, 0.0
         for a in range(size):
@@ -128,12 +178,11 @@ def _split(big, y, y_row, size, rows, lo, hi, c_out, z_out, z_row):
                 total -= c_out[a, k] * c_out[p, k]
             c_out[a, rank] = total / root
         for j in range(lo, hi):
-            total = y[y_row + p, j]
+            total = cross[p, j]
             for k in range(rank):
-                total -= c_out[p, k] * z_out[z_row + k, j]
-            z_out[z_row + rank, j] = total / root
+                total -= c_out[p, k] * y_out[k, j]
+            y_out[rank, j] = total / root
         done[p] = 1
-        pivots[rank] = p
         for a in range(size):
             if done[a] == 0:
                 remaining[a] -= c_out[a, rank] * c_out[a, rank]
@@ -142,7 +191,7 @@ def _split(big, y, y_row, size, rows, lo, hi, c_out, z_out, z_row):
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _subtract_square(psi, merged, first):
+def _subtract_square(psi: FloatArray, merged: FloatArray, first: IntArray) -> None:
     """Psi -= Y'Y, lower triangle, from the first column of each row on."""
     total = merged.shape[0]
     if total == 0:
@@ -164,7 +213,9 @@ def _subtract_square(psi, merged, first):
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _motion_information(late, cross, early, length):
+def _motion_information(
+    late: FloatArray, cross: FloatArray, early: FloatArray, length: int
+) -> FloatArray:
     """Psi of the motion factors alone: block tridiagonal, lower triangle."""
     d = late.shape[1]
     psi = np.zeros((length * d, length * d))
@@ -180,9 +231,19 @@ def _motion_information(late, cross, early, length):
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _measure_variables(c, first, rank, size, z, noise, offset):
+def _measure_variables(
+    c: FloatArray,
+    first: int,
+    rank: int,
+    size: int,
+    z: FloatArray,
+    noise: FloatArray,
+    offset: int,
+) -> None:
     """Multiply the rows of a slot by C'^-1 where C is square, and add their own noise to N."""
     total = z.shape[0]
+    for r in range(first, first + rank):
+        noise[offset + r * total : offset + r * total + r + 1] = 0.0
     if rank < size:
         for r in range(first, first + rank):
             noise[offset + r * total + r] = 1.0
@@ -231,143 +292,145 @@ def _measure_variables(c, first, rank, size, z, noise, offset):
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def build_messages(
-    candidates, lengths, states, motion_late, motion_cross, motion_early,
-    fixed_pointer, fixed_variable, fixed_rank, fixed_own, fixed_cross, fixed_other,
-    moving_pointer, moving_variable, moving_rank, moving_own, moving_cross, moving_other,
-    column, width, read_steps, slot_pointer, noise_pointer, row_pointer,
-    slot_variable, slot_row, slot_rank, slot_c, noise, response, read_noise,
-    read_response, read_covariance, row_count, sound,
-):  # fmt: skip
-    """Build the messages of some candidates into preallocated pools.
+    lengths: IntArray,
+    states: IntArray,
+    motion: MotionBlocks,
+    fixed: FactorBlocks,
+    moving: FactorBlocks,
+    column: IntArray,
+    width: IntArray,
+    read_steps: IntArray,
+    pool: MessagePool,
+) -> None:
+    """Build the messages of some candidates into a pool whose pointers are set.
 
     Args:
-        candidates: Shape (n,), indices of candidates.
-        lengths: Shape (n,), steps of each, cut where the belief is cut.
+        lengths: Shape (n,), steps of each candidate, cut where the belief is cut.
         states: Shape (N, Lmax), own state of each candidate and step.
-        motion_late: Shape (N, Lmax, d, d), A2'A2 of the motion into each step.
-        motion_cross: The same, A2'A1.
-        motion_early: The same, A1'A1.
-        fixed_pointer: Factors that do not depend on announcements, by own state; with variable,
-            rank and the three blocks.
-        moving_pointer: Factors with announced poses, likewise.
-        column: Shape (V,), column of each variable in S or -1 where the cut leaves it out.
+        motion: Blocks of the motion factors, by candidate and step.
+        fixed: Factors of the own states that do not depend on announcements.
+        moving: Factors of the own states with announced poses.
+        column: Shape (V,), first scalar of each variable in S or -1 where the cut leaves it out.
         width: Shape (V,), tangent dimension of each variable.
         read_steps: Shape (n, p), steps (1 and up) of own poses that are read.
-        slot_pointer: Shape (n + 1,), where each candidate's slots go.
-        noise_pointer: Shape (n + 1,), where each candidate's N goes.
-        row_pointer: Shape (n + 1,), where each candidate's rows of T and G go.
-        slot_variable: Out: variable of each slot; slot_row: first row; slot_rank: rows.
-        slot_c: Out: shape (slots, d, d), C of each slot.
-        noise: Out: N, each as (rows, rows).
-        response: Out: T, shape (all rows, d).
-        read_noise: Out: G', shape (all rows, p d).
-        read_response: Out: Theta_s, shape (n, p d, d).
-        read_covariance: Out: E_ss, shape (n, p d, p d).
-        row_count: Out: shape (n,), rows of each message.
-        sound: Out: shape (n,), 1 where no digits were lost.
+        pool: In: candidates and pointers. Out: all the rest.
     """
-    d = motion_late.shape[2]
+    d = motion.late.shape[2]
     longest = 0
-    most = 0
-    for n in range(candidates.shape[0]):
+    most = 1
+    for n in range(lengths.shape[0]):
         longest = max(longest, lengths[n])
-        most = max(most, slot_pointer[n + 1] - slot_pointer[n])
-    p = read_steps.shape[1]
-    slot_of = np.full(column.shape[0], -1, np.int64)
-    touched = np.empty(most + 1, np.int64)
-    rows = np.empty(most + 1, np.int64)
-    low = np.empty(most + 1, np.int64)
-    high = np.empty(most + 1, np.int64)
-    big = np.empty((most + 1, d, d))
-    y = np.empty(((most + 1) * d, longest * d))
-    zt = np.empty(((most + 1) * d, longest * d))
-    before = np.empty(longest * d)
-    first = np.empty(longest * d, np.int64)
-    for n in range(candidates.shape[0]):
-        c = candidates[n]
+        most = max(most, pool.slot_pointer[n + 1] - pool.slot_pointer[n])
+    found = Interface(
+        np.full(column.shape[0], -1, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty((most, d, d)),
+        np.empty((most * d, longest * d)),
+    )
+    merged_rows = np.empty((most * d, longest * d))
+    for n in range(lengths.shape[0]):
+        c = pool.candidates[n]
         length = lengths[n]
         q = length * d
-        psi = _motion_information(motion_late[c], motion_cross[c], motion_early[c], length)
+        psi = _motion_information(motion.late[c], motion.cross[c], motion.early[c], length)
         count = 0
         for i in range(length):
-            s = states[c, i]
-            count = _gather(
-                fixed_pointer, fixed_variable, fixed_rank, fixed_own, fixed_cross, fixed_other,
-                s, i, d, column, slot_of, touched, count, psi, y, big, rows, low, high,
-            )  # fmt: skip
-            count = _gather(
-                moving_pointer, moving_variable, moving_rank, moving_own, moving_cross,
-                moving_other, s, i, d, column, slot_of, touched, count, psi, y, big, rows, low,
-                high,
-            )  # fmt: skip
-        for j in range(q):
-            before[j] = psi[j, j]
+            count = _gather(fixed, states[c, i], i, column, found, count, psi)
+            count = _gather(moving, states[c, i], i, column, found, count, psi)
+        before = np.empty(q)
+        first = np.empty(q, np.int64)
+        for i in range(q):
+            before[i] = psi[i, i]
+            first[i] = max((i // d - 1) * d, 0)
         good = True
         total = 0
-        for i in range(q):
-            first[i] = max((i // d - 1) * d, 0)
         for slot in range(count):
-            lo, hi = low[slot] * d, high[slot] * d
+            lo, hi = found.low[slot] * d, found.high[slot] * d
             for i in range(lo, hi):
                 first[i] = min(first[i], lo)
-            place = slot_pointer[n] + slot
-            zt[total : total + d, :q] = 0.0
-            slot_c[place, :, :] = 0.0
+            place = pool.slot_pointer[n] + slot
+            merged_rows[total : total + d, :q] = 0.0
+            pool.slot_c[place, :, :] = 0.0
             rank, fine = _split(
-                big[slot], y, slot * d, width[touched[slot]], rows[slot], lo, hi,
-                slot_c[place], zt, total,
-            )  # fmt: skip
+                found.information[slot],
+                found.cross[slot * d : slot * d + d],
+                width[found.variable[slot]],
+                found.rows[slot],
+                lo,
+                hi,
+                pool.slot_c[place],
+                merged_rows[total : total + d],
+            )
             good = good and fine
-            slot_variable[place] = touched[slot]
-            slot_row[place] = total
-            slot_rank[place] = rank
-            slot_of[touched[slot]] = -1
+            pool.slot_variable[place] = found.variable[slot]
+            pool.slot_row[place] = total
+            pool.slot_rank[place] = rank
+            found.slot_of[found.variable[slot]] = -1
             total += rank
-        row_count[n] = total
-        merged = zt[:total, :q].copy()
+        pool.row_count[n] = total
+        merged = merged_rows[:total, :q].copy()
         _subtract_square(psi, merged, first)
-        sound[n] = 0
+        pool.sound[n] = 0
         if not cholesky_skyline(psi, first):
             continue
         for j in range(q):
             if psi[j, j] * psi[j, j] < CANCELLATION_LIMIT * before[j]:
                 good = False
-        sound[n] = 1 if good else 0
+        pool.sound[n] = 1 if good else 0
         inverse = inverse_skyline(psi, first)
-        reads = np.empty((q, d + p * d))
-        # t = L^-1 Psi_ck (here with its sign) and w = L^-1 e_s: columns of L^-1, combined or picked
-        for i in range(q):
-            for b in range(d):
-                entry = 0.0
-                for j in range(min(i + 1, d)):
-                    entry -= inverse[i, j] * motion_cross[c, 0, j, b]
-                reads[i, b] = entry
-            for k in range(p):
-                base = (read_steps[n, k] - 1) * d
-                for b in range(d):
-                    reads[i, d + k * d + b] = inverse[i, base + b]
         z = np.dot(merged, inverse.T)
-        offset = noise_pointer[n]
-        noise[offset : offset + total * total] = 0.0
-        for slot in range(slot_pointer[n], slot_pointer[n] + count):
+        for slot in range(pool.slot_pointer[n], pool.slot_pointer[n] + count):
             _measure_variables(
-                slot_c[slot], slot_row[slot], slot_rank[slot], width[slot_variable[slot]], z,
-                noise, offset,
-            )  # fmt: skip
-        product = np.dot(z, z.T)
-        for a in range(total):
-            for b in range(a + 1):
-                noise[offset + a * total + b] += product[a, b]
-        seen = np.dot(z, reads)
-        base = row_pointer[n]
-        for a in range(total):
+                pool.slot_c[slot],
+                pool.slot_row[slot],
+                pool.slot_rank[slot],
+                width[pool.slot_variable[slot]],
+                z,
+                pool.noise,
+                pool.noise_pointer[n],
+            )
+        _write_message(n, inverse, motion.cross[c, 0], read_steps[n], z, pool)
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _write_message(
+    n: int,
+    inverse: FloatArray,
+    first_cross: FloatArray,
+    read_steps: IntArray,
+    z: FloatArray,
+    pool: MessagePool,
+) -> None:
+    """N, T, G, Theta and E from Z, t and w; t and w are columns of L^-1, combined or picked."""
+    q, d, p, total = inverse.shape[0], first_cross.shape[0], read_steps.shape[0], z.shape[0]
+    reads = np.empty((q, d + p * d))
+    for i in range(q):
+        for b in range(d):
+            entry = 0.0
+            for j in range(min(i + 1, d)):
+                entry -= inverse[i, j] * first_cross[j, b]
+            reads[i, b] = entry
+        for k in range(p):
             for b in range(d):
-                response[base + a, b] = seen[a, b]
-            for b in range(p * d):
-                read_noise[base + a, b] = seen[a, d + b]
-        met = np.dot(reads.T, reads)
-        for a in range(p * d):
-            for b in range(d):
-                read_response[n, a, b] = met[d + a, b]
-            for b in range(p * d):
-                read_covariance[n, a, b] = met[d + a, d + b]
+                reads[i, d + k * d + b] = inverse[i, (read_steps[k] - 1) * d + b]
+    offset = pool.noise_pointer[n]
+    product = np.dot(z, z.T)
+    for a in range(total):
+        for b in range(a + 1):
+            pool.noise[offset + a * total + b] += product[a, b]
+    seen = np.dot(z, reads)
+    base = pool.row_pointer[n]
+    for a in range(total):
+        for b in range(d):
+            pool.response[base + a, b] = seen[a, b]
+        for b in range(p * d):
+            pool.read_noise[base + a, b] = seen[a, d + b]
+    met = np.dot(reads.T, reads)
+    for a in range(p * d):
+        for b in range(d):
+            pool.read_response[n, a, b] = met[d + a, b]
+        for b in range(p * d):
+            pool.read_covariance[n, a, b] = met[d + a, d + b]

@@ -5,27 +5,42 @@ Once an announcement: the factors with announced poses, the messages of the cand
 changed factor, and the final solve. What a message is, ``message_kernels`` says.
 """
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
 from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.evaluation.incremental.universe import Universe
-from fgplan.typing import FloatArray, IntArray
+from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
-@dataclass(frozen=True, slots=True)
-class MessagePool:
-    """Messages of some candidates; the arrays are described in ``build_messages``.
+class MessagePool(NamedTuple):
+    """Messages of n candidates; a tuple, because compiled code takes it as it is.
+
+    A message has one slot for each interface variable, and rows of measurements for each slot.
 
     Attributes:
         candidates: Shape (n,), increasing: whose message stands at each place.
         live: Shape (n,), whether it still holds.
+        slot_pointer: Shape (n + 1,), where the slots of each message begin.
+        noise_pointer: Shape (n + 1,), where N of each message begins.
+        row_pointer: Shape (n + 1,), where its rows of T and G' begin.
+        slot_variable: Shape (slots,), variable of each slot.
+        slot_row: Shape (slots,), its first row within the message.
+        slot_rank: Shape (slots,), its number of rows.
+        slot_c: Shape (slots, d, d), its C; the identity where the rank is full.
+        noise: N of each message as (rows, rows), lower triangle.
+        response: T, shape (all rows, d).
+        read_noise: G', shape (all rows, p d).
+        read_response: Theta_s, shape (n, p d, d).
+        read_covariance: E_ss, shape (n, p d, p d).
+        row_count: Shape (n,), rows of each message.
+        sound: Shape (n,), 1 where no digits were lost.
     """
 
     candidates: IntArray
-    live: IntArray
+    live: BoolArray
     slot_pointer: IntArray
     noise_pointer: IntArray
     row_pointer: IntArray
@@ -44,7 +59,7 @@ class MessagePool:
     @property
     def bytes(self) -> int:
         """Memory held."""
-        return sum(int(getattr(self, field.name).nbytes) for field in fields(self))
+        return sum(int(array.nbytes) for array in self)
 
 
 def build(
@@ -72,22 +87,13 @@ def build(
     """
     from fgplan.evaluation.incremental.message_kernels import build_messages, count_interface
 
-    dim = table.motion_late.shape[2]
-    counts = count_interface(
-        candidates,
-        lengths,
-        table.states,
-        fixed.pointer,
-        fixed.variable,
-        moving.pointer,
-        moving.variable,
-        universe.column,
-    )
+    dim = table.motion.late.shape[2]
+    counts = count_interface(candidates, lengths, table.states, fixed, moving, universe.column)
     size, read = len(candidates), read_steps.shape[1] * dim
-    slot_pointer, noise_pointer, row_pointer = np.zeros((3, size + 1), np.int64)
-    slot_pointer[1:] = np.cumsum(counts)
-    noise_pointer[1:] = np.cumsum((counts * dim) ** 2)
-    row_pointer[1:] = np.cumsum(counts * dim)
+    slot_pointer, noise_pointer, row_pointer = (np.zeros(size + 1, np.int64) for _ in range(3))
+    np.cumsum(counts, out=slot_pointer[1:])
+    np.cumsum((counts * dim) ** 2, out=noise_pointer[1:])
+    np.cumsum(counts * dim, out=row_pointer[1:])
     slots, rows = int(slot_pointer[-1]), int(row_pointer[-1])
     pool = MessagePool(
         candidates=candidates,
@@ -108,48 +114,22 @@ def build(
         sound=np.zeros(size, np.int64),
     )
     build_messages(
-        candidates,
         lengths,
         table.states,
-        table.motion_late,
-        table.motion_cross,
-        table.motion_early,
-        fixed.pointer,
-        fixed.variable,
-        fixed.rank,
-        fixed.own,
-        fixed.cross,
-        fixed.other,
-        moving.pointer,
-        moving.variable,
-        moving.rank,
-        moving.own,
-        moving.cross,
-        moving.other,
+        table.motion,
+        fixed,
+        moving,
         universe.column,
         universe.width,
         read_steps,
-        pool.slot_pointer,
-        pool.noise_pointer,
-        pool.row_pointer,
-        pool.slot_variable,
-        pool.slot_row,
-        pool.slot_rank,
-        pool.slot_c,
-        pool.noise,
-        pool.response,
-        pool.read_noise,
-        pool.read_response,
-        pool.read_covariance,
-        pool.row_count,
-        pool.sound,
+        pool,
     )
     return pool
 
 
 def solve(
     pool: MessagePool, places: IntArray, universe: Universe, start: int, read_columns: IntArray
-) -> tuple[FloatArray, IntArray]:
+) -> tuple[FloatArray, BoolArray]:
     """Covariances of what is read, after following some candidates.
 
     Args:
@@ -165,32 +145,18 @@ def solve(
     """
     from fgplan.evaluation.incremental.solve_kernels import posterior_covariances
 
-    own = pool.read_covariance.shape[1]
-    size = own + len(read_columns)
+    size = pool.read_covariance.shape[1] + len(read_columns)
     out = np.empty((len(places), size, size))
-    sound = pool.sound.copy()
+    sound = pool.sound[places]
     posterior_covariances(
         places,
         universe.covariance,
         start,
         read_columns,
-        own,
         universe.column,
         universe.width,
-        pool.slot_pointer,
-        pool.noise_pointer,
-        pool.row_pointer,
-        pool.slot_variable,
-        pool.slot_row,
-        pool.slot_rank,
-        pool.slot_c,
-        pool.noise,
-        pool.response,
-        pool.read_noise,
-        pool.read_response,
-        pool.read_covariance,
-        pool.row_count,
+        pool,
         sound,
         out,
     )
-    return out, sound[places].astype(bool)
+    return out, sound.astype(bool)

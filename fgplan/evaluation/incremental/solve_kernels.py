@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky
+from fgplan.evaluation.incremental.messages import MessagePool
+from fgplan.typing import FloatArray, IntArray
 
 LOSS_LIMIT = 1e5
 """Largest ratio of the terms of a diagonal entry to its pivot."""
@@ -23,12 +25,21 @@ LOSS_LIMIT = 1e5
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _gather_slot(
-    slot, first_slot, covariance, start, read_columns, column, width,
-    slot_variable, slot_row, slot_rank, slot_c, joint, start_c, other_c,
-):  # fmt: skip
+    slot: int,
+    first_slot: int,
+    covariance: FloatArray,
+    start: int,
+    read_columns: IntArray,
+    column: IntArray,
+    width: IntArray,
+    pool: MessagePool,
+    joint: FloatArray,
+    start_c: FloatArray,
+    other_c: FloatArray,
+) -> None:
     """Put C'S of one slot with x_k, with what is read, and with the slots before it in place."""
-    v = slot_variable[slot]
-    col, size, first, rank = column[v], width[v], slot_row[slot], slot_rank[slot]
+    v = pool.slot_variable[slot]
+    col, size, first, rank = column[v], width[v], pool.slot_row[slot], pool.slot_rank[slot]
     if rank == size:  # C = I
         for r in range(rank):
             row = covariance[col + r]
@@ -38,21 +49,21 @@ def _gather_slot(
                 other_c[g, first + r] = row[read_columns[g]]
             target = joint[first + r]
             for second in range(first_slot, slot + 1):
-                v2 = slot_variable[second]
+                v2 = pool.slot_variable[second]
                 col2, size2 = column[v2], width[v2]
-                first2, rank2 = slot_row[second], slot_rank[second]
+                first2, rank2 = pool.slot_row[second], pool.slot_rank[second]
                 if rank2 == size2:
                     for r2 in range(rank2):
                         target[first2 + r2] = row[col2 + r2]
                 else:
-                    c_b = slot_c[second]
+                    c_b = pool.slot_c[second]
                     for r2 in range(rank2):
                         total = 0.0
                         for k in range(size2):
                             total += row[col2 + k] * c_b[k, r2]
                         target[first2 + r2] = total
         return
-    c_a = slot_c[slot]
+    c_a = pool.slot_c[slot]
     for r in range(rank):
         for k in range(size):
             weight = c_a[k, r]
@@ -63,10 +74,10 @@ def _gather_slot(
                 other_c[g, first + r] += weight * row[read_columns[g]]
             target = joint[first + r]
             for second in range(first_slot, slot + 1):
-                v2 = slot_variable[second]
+                v2 = pool.slot_variable[second]
                 col2, size2 = column[v2], width[v2]
-                first2, rank2 = slot_row[second], slot_rank[second]
-                c_b = slot_c[second]
+                first2, rank2 = pool.slot_row[second], pool.slot_rank[second]
+                c_b = pool.slot_c[second]
                 for r2 in range(rank2):
                     total = 0.0
                     for k2 in range(size2):
@@ -76,35 +87,40 @@ def _gather_slot(
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def posterior_covariances(
-    candidates, covariance, start, read_columns, read_rows, column, width,
-    slot_pointer, noise_pointer, row_pointer, slot_variable, slot_row, slot_rank, slot_c, noise,
-    response, read_noise, read_response, read_covariance, row_count, sound, out,
-):  # fmt: skip
+    places: IntArray,
+    covariance: FloatArray,
+    start: int,
+    read_columns: IntArray,
+    column: IntArray,
+    width: IntArray,
+    pool: MessagePool,
+    sound: IntArray,
+    out: FloatArray,
+) -> None:
     """Covariance of what is read, for some candidates.
 
     Args:
-        candidates: Shape (n,), places of the messages to use.
+        places: Shape (n,), places of the messages to use.
         covariance: S, shape (U, U).
         start: Column of x_k in S.
         read_columns: Shape (g,), scalar columns of S that are read after the own poses.
-        read_rows: Number of scalar rows of own poses, p d.
         column: Shape (V,), column of each variable in S.
         width: Shape (V,), tangent dimension of each variable.
-        slot_pointer: And all that follows up to ``row_count``: the messages.
-        sound: In and out: shape (messages,), set to 0 where digits were lost.
+        pool: The messages.
+        sound: In and out: shape (n,), set to 0 where digits were lost.
         out: Out: shape (n, p d + g, p d + g).
     """
-    d = response.shape[1]
-    own = read_rows
+    d = pool.response.shape[1]
+    own = pool.read_covariance.shape[1]
     extra = read_columns.shape[0]
     read = own + extra
-    for n in range(candidates.shape[0]):
-        m = candidates[n]
-        if sound[m] == 0:
+    for n in range(places.shape[0]):
+        m = places[n]
+        if sound[n] == 0:
             continue
-        z = row_count[m]
-        base = row_pointer[m]
-        offset = noise_pointer[m]
+        z = pool.row_count[m]
+        base = pool.row_pointer[m]
+        offset = pool.noise_pointer[m]
         joint = np.zeros((z + read, z + read))
         terms = np.empty(z + read)
         start_c = np.zeros((d, z))
@@ -112,12 +128,21 @@ def posterior_covariances(
         transposed = np.empty((d, z))
         for a in range(z):
             for i in range(d):
-                transposed[i, a] = response[base + a, i]
-        for slot in range(slot_pointer[m], slot_pointer[m + 1]):
+                transposed[i, a] = pool.response[base + a, i]
+        for slot in range(pool.slot_pointer[m], pool.slot_pointer[m + 1]):
             _gather_slot(
-                slot, slot_pointer[m], covariance, start, read_columns, column, width,
-                slot_variable, slot_row, slot_rank, slot_c, joint, start_c, other_c,
-            )  # fmt: skip
+                slot,
+                pool.slot_pointer[m],
+                covariance,
+                start,
+                read_columns,
+                column,
+                width,
+                pool,
+                joint,
+                start_c,
+                other_c,
+            )
         moved = np.zeros((d, z))
         for i in range(d):
             for k in range(d):
@@ -125,7 +150,7 @@ def posterior_covariances(
                 for a in range(z):
                     moved[i, a] += weight * transposed[k, a]
         for a in range(z):
-            spread = noise[offset + a * z + a] + joint[a, a]
+            spread = pool.noise[offset + a * z + a] + joint[a, a]
             for i in range(d):
                 spread += transposed[i, a] * moved[i, a]
             terms[a] = spread
@@ -134,7 +159,7 @@ def posterior_covariances(
                 moved[i, a] += start_c[i, a]
         for a in range(z):
             row = joint[a]
-            from_noise = noise[offset + a * z : offset + a * z + a + 1]
+            from_noise = pool.noise[offset + a * z : offset + a * z + a + 1]
             for b in range(a + 1):
                 row[b] += from_noise[b]
             for i in range(d):
@@ -145,19 +170,19 @@ def posterior_covariances(
         for s in range(own):
             row = joint[z + s]
             for a in range(z):
-                row[a] = read_noise[base + a, s]
+                row[a] = pool.read_noise[base + a, s]
             for i in range(d):
-                weight = read_response[m, s, i]
+                weight = pool.read_response[m, s, i]
                 for a in range(z):
                     row[a] += weight * moved[i, a]
             for s2 in range(s + 1):
-                total = read_covariance[m, s, s2]
+                total = pool.read_covariance[m, s, s2]
                 for i in range(d):
                     for k in range(d):
                         total += (
-                            read_response[m, s, i]
+                            pool.read_response[m, s, i]
                             * covariance[start + i, start + k]
-                            * read_response[m, s2, k]
+                            * pool.read_response[m, s2, k]
                         )
                 row[z + s2] = total
             terms[z + s] = row[z + s]
@@ -173,17 +198,17 @@ def posterior_covariances(
             for s in range(own):
                 total = 0.0
                 for i in range(d):
-                    total += from_s[start + i] * read_response[m, s, i]
+                    total += from_s[start + i] * pool.read_response[m, s, i]
                 row[z + s] = total
             for g2 in range(g + 1):
                 row[z + own + g2] = from_s[read_columns[g2]]
             terms[z + own + g] = row[z + own + g]
         if not cholesky(joint, z + read):
-            sound[m] = 0
+            sound[n] = 0
             continue
         for a in range(z + read):
             if terms[a] > LOSS_LIMIT * joint[a, a] * joint[a, a]:
-                sound[m] = 0
+                sound[n] = 0
         for a in range(read):
             for b in range(a + 1):
                 total = 0.0
