@@ -22,7 +22,11 @@ class RegisteredCommand:
 
 DEMOS: dict[str, RegisteredCommand] = {}
 
-BENCHES: dict[str, RegisteredCommand] = {}
+BENCHES: dict[str, RegisteredCommand] = {
+    "impacted": RegisteredCommand(
+        "fgplan.bench.impacted:run", "whole planning sessions, evaluators side by side"
+    ),
+}
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {}
 
