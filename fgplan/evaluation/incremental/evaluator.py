@@ -29,6 +29,7 @@ from fgplan.evaluation.incremental.candidate_terms import (
 )
 from fgplan.evaluation.incremental.factor_blocks import no_blocks
 from fgplan.evaluation.incremental.memory import Memory
+from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import (
     eliminate_history,
     needed_keys,
@@ -42,13 +43,12 @@ from fgplan.evaluation.incremental.turn import (
     separable,
     touched_keys,
 )
-from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.universe import fixed_blocks
 from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
-from fgplan.evaluation.term_values import path_values, prior_covariances
+from fgplan.evaluation.term_values import prior_covariances
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import FloatArray, IntArray
+from fgplan.typing import BoolArray, FloatArray
 
 FIRST_CAPACITY = 64
 """Steps an announced path may have before variables are numbered anew."""
@@ -131,7 +131,7 @@ class Incremental:
             prior=restrict(wide, numbering.prior_keys),
             fixed=fixed_blocks(problem, numbering, own, table.observations),
             prior_blocks=prior_covariances(problem),
-            path_terms=np.array([path_values(problem, {robot: p}, [robot]) for p in candidates]),
+            path_terms=_path_terms(problem, robot, candidates),
             moving=no_blocks(len(table.poses), problem.dim),
         )
 
@@ -220,7 +220,10 @@ class Incremental:
         rest = np.flatnonzero(~known)
         bounds = np.full(len(values), np.inf)
         if len(rest):
-            bounds[rest] = weigh(problem, lower_bounds(turn, rest))
+            lower = lower_bounds(turn, rest)
+            usable = np.isfinite(lower).all(axis=1)
+            bounds[rest] = -np.inf  # no bound excludes nothing
+            bounds[rest[usable]] = weigh(problem, lower[usable])
         queue = rest[np.argsort(bounds[rest], kind="stable")]
         first = set(queue[:FIRST_BATCH].tolist())
         if incumbent is not None and not known[incumbent]:
@@ -251,17 +254,26 @@ class Incremental:
         return replace(turn.memory, pools=tuple(pools), terms=terms)
 
 
-def _carried_over(turn: Turn) -> tuple[FloatArray, IntArray]:
+def _path_terms(
+    problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
+) -> FloatArray:
+    """Terms of the candidates' own paths, shape (N, T)."""
+    terms = problem.objective.terms
+    values = np.zeros((len(candidates), len(terms)))
+    for place, term in enumerate(terms):
+        if not isinstance(term, UncertaintyTerm) and term.robot == robot:
+            values[:, place] = [term.value(path) for path in candidates]
+    return values
+
+
+def _carried_over(turn: Turn) -> tuple[FloatArray, BoolArray]:
     """Terms of the candidates that the change does not reach, and which those are."""
     memory = turn.memory
     shape = (len(memory.table.paths), len(memory.problem.objective.terms))
-    if memory.terms is None or not separable(memory.problem):
-        unchanged = memory.terms is not None and not turn.changed
-        if memory.terms is not None and unchanged:
-            return memory.terms.copy(), ~np.isnan(memory.terms).any(axis=1)
+    if memory.terms is None or (turn.changed and not separable(memory.problem)):
         return np.full(shape, np.nan), np.zeros(shape[0], bool)
     terms = memory.terms.copy()
-    known = ~turn.impacted & ~np.isnan(terms).any(axis=1)
+    known: BoolArray = np.logical_and(~turn.impacted, np.all(np.isfinite(terms), axis=1))
     if turn.changed and known.any():
         wanted, constants = constant_terms(turn, turn.changed_robots)
         terms[np.ix_(known, wanted)] = constants[wanted]
@@ -272,17 +284,18 @@ def _with_usable_pools(turn: Turn) -> Turn:
     """Drop messages whose factors changed, and pools of which little is left."""
     pools = []
     for pool in turn.memory.pools:
-        live = pool.live & ~turn.dirty[pool.candidates]
+        live: BoolArray = pool.live & ~turn.dirty[pool.candidates]
         if 2 * int(live.sum()) >= len(live):
             pools.append(pool._replace(live=live))
     return replace(turn, memory=replace(turn.memory, pools=tuple(pools)))
 
 
 def _report(
-    turn: Turn, after: Memory, work: Work, known: IntArray, skipped: tuple[int, ...]
+    turn: Turn, after: Memory, work: Work, known: BoolArray, skipped: tuple[int, ...]
 ) -> ReevaluationReport:
     """Account of an evaluation."""
     vertices = np.unique(after.table.vertices[turn.change.involved])
+    vertices = vertices[vertices >= 0]  # -1 stands for no vertex
     return ReevaluationReport(
         factors_added=turn.change.added,
         factors_removed=turn.change.removed,

@@ -205,7 +205,7 @@ def is_compiled(problem: PlanningProblem, model: MultiRobotModel) -> bool:
     """Whether the kernel knows the model: planar, distance criterion, relative pose."""
     return (
         problem.dim == PLANAR_DIM
-        and isinstance(model.criterion, DistanceCriterion)
+        and type(model.criterion) is DistanceCriterion  # a subclass may have a rule of its own
         and isinstance(model.sensor, RelativePoseSensor)
     )
 
