@@ -105,9 +105,7 @@ def _warm_up() -> float:
     return time.perf_counter() - began
 
 
-def _ratio(
-    seconds: Mapping[str, Mapping[int, float]], slower: str, faster: str
-) -> float:
+def _ratio(seconds: Mapping[str, Mapping[int, float]], slower: str, faster: str) -> float:
     """Median over scenes of the ratio of two contestants."""
     shared = [seed for seed in seconds[slower] if seed in seconds[faster]]
     return float(np.median([seconds[slower][seed] / seconds[faster][seed] for seed in shared]))
@@ -211,9 +209,7 @@ def _seldom(robots: int, count: int, scenes: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def _gap(
-    worlds: Mapping[int, OpenWorld], agreements: Mapping[int, Agreement], count: int
-) -> float:
+def _gap(worlds: Mapping[int, OpenWorld], agreements: Mapping[int, Agreement], count: int) -> float:
     """Mean relative gap of what was agreed to the optimum over all combinations."""
     gaps = []
     for seed, world in worlds.items():
@@ -231,7 +227,10 @@ def _requirements(
         require_true("same_choices", results["same_choices"]),
     ]
     if criterion >= EVERYTHING_M:
-        return (*found, require_at_least("ratio_vs_from_scratch", results["ratio_vs_from_scratch"], 1.0))
+        return (
+            *found,
+            require_at_least("ratio_vs_from_scratch", results["ratio_vs_from_scratch"], 1.0),
+        )
     found.append(require_at_least("impacted_share", results["impacted_share"], 0.3))
     if robots in (2, 4, 8) and count == 50 and criterion == CRITERION_M:
         for name, bound in (
@@ -252,10 +251,10 @@ def _summary(results: Mapping[str, Any]) -> tuple[str, ...]:
         f"{100 * results['impacted_share']:.0f} % impacted",
     ]
     lines += [f"  {name:22s} {value:9.4f} s" for name, value in results["seconds"].items()]
-    lines += [
-        f"  {name} {results[name]:.1f}" for name in results if name.startswith("ratio_")
-    ]
-    lines.append(f"  max_rel_diff {results['max_rel_diff']:.1e}, same choices {results['same_choices']}")
+    lines += [f"  {name} {results[name]:.1f}" for name in results if name.startswith("ratio_")]
+    lines.append(
+        f"  max_rel_diff {results['max_rel_diff']:.1e}, same choices {results['same_choices']}"
+    )
     seldom = results["seldom"]
     lines.append(
         f"  seldom: {100 * seldom['untouched_share']:.0f} % untouched, "

@@ -86,17 +86,8 @@ def draw_world(
         The world.
     """
     workspace = Workspace(lower=np.zeros(2), upper=np.array([WIDTH_M, HEIGHT_M]))
-    low, high = np.zeros(robots), np.full(robots, WIDTH_M)
-    if lanes:
-        lane = WIDTH_M / robots
-        low = lane * (np.arange(robots) + 0.4)
-        high = lane * (np.arange(robots) + 0.6)
-    starts = np.column_stack(
-        [generator.uniform(low, high), generator.uniform(0.0, START_BELOW_M, robots)]
-    )
-    goals = np.column_stack(
-        [generator.uniform(low, high), generator.uniform(GOAL_ABOVE_M, HEIGHT_M, robots)]
-    )
+    starts = _positions(generator, robots, (0.0, START_BELOW_M), lanes)
+    goals = _positions(generator, robots, (GOAL_ABOVE_M, HEIGHT_M), lanes)
     roadmap = build_prm(
         workspace,
         VERTICES,
@@ -120,6 +111,16 @@ def draw_world(
         for index, name in enumerate(names)
     }
     return OpenWorld(workspace, roadmap, problem, paths, starts, goals)
+
+
+def _positions(
+    generator: np.random.Generator, robots: int, strip: tuple[float, float], lanes: bool
+) -> FloatArray:
+    """A position a robot in a strip of y; in lanes, in the middle fifth of the robot's lane."""
+    share = generator.uniform(0.0, 1.0, robots)
+    lane = WIDTH_M / robots
+    x = lane * (np.arange(robots) + 0.4 + 0.2 * share) if lanes else WIDTH_M * share
+    return np.column_stack([x, generator.uniform(*strip, robots)])
 
 
 def paths_of(

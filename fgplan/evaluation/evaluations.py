@@ -84,16 +84,21 @@ class Evaluations:
 class AbstractEvaluator(Protocol):
     """One way of evaluating candidate paths; the state is a value passed in and out."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Name in scenarios and reports."""
+        ...
 
     def start(
         self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
-    ) -> Any:
+    ) -> Any:  # noqa: ANN401 - the state is the evaluator's own
         """Prepare what depends on the prior and the candidates alone."""
         ...
 
     def evaluate(
-        self, state: Any, announced: Mapping[str, CandidatePath]
+        self,
+        state: Any,  # noqa: ANN401
+        announced: Mapping[str, CandidatePath],
     ) -> tuple[Any, Evaluations]:
         """Evaluate every candidate under the others' announced paths."""
         ...

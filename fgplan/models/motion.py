@@ -9,6 +9,7 @@ Variances, not sigmas, grow with the way, so that a step cut in two carries the 
 from the base, which is the noise of one measurement).
 """
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -92,9 +93,7 @@ class MotionModel:
             Shape (L, d, d).
         """
         if poses.ndim == 3:
-            steps = [
-                self.covariance(between(a, b)) for a, b in zip(poses[:-1], poses[1:], strict=True)
-            ]
+            steps = [self.covariance(between(a, b)) for a, b in itertools.pairwise(poses)]
             return np.array(steps)
         way = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
         turn = np.diff(poses[:, 2])

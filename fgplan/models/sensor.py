@@ -98,9 +98,9 @@ class AbstractSensor(ABC):
             Rows by pose tangent, shape (m, d), and by target, shape (m, n).
         """
         by_pose, by_target = self.jacobians(pose, target)
-        return whiten(
-            self.noise(pose, target) if covariance is None else covariance, by_pose, by_target
-        )
+        noise = self.noise(pose, target) if covariance is None else covariance
+        by_pose, by_target = whiten(noise, by_pose, by_target)
+        return by_pose, by_target
 
     def linearise_between(
         self, pose: Pose, other: Pose, covariance: Covariance | None = None
@@ -154,5 +154,6 @@ def check_view(sensor: AbstractSensor) -> None:
     angle = check_positive(sensor.field_of_view_rad, f"{sensor.kind} field_of_view_rad")
     if angle > 2.0 * np.pi + 1e-12:
         raise InvalidInputError(
-            f"{sensor.kind} field_of_view_rad: expected at most 2 pi, got {angle:g}; is it in degrees?"
+            f"{sensor.kind} field_of_view_rad: expected at most 2 pi, got {angle:g}; "
+            "is it in degrees?"
         )

@@ -37,7 +37,8 @@ class UncertaintyFunction:
 def _log_determinant(covariance: FloatArray) -> FloatArray:
     """Log-determinant by Cholesky: a covariance that is not positive definite must not pass."""
     lower = np.linalg.cholesky(covariance)
-    return 2.0 * np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(axis=-1)
+    total: FloatArray = 2.0 * np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(axis=-1)
+    return total
 
 
 def _entropy(covariance: FloatArray) -> FloatArray:
@@ -77,7 +78,9 @@ _BUILT_IN = (
     ),
     UncertaintyFunction(
         name="largest_eigenvalue",
-        evaluate=lambda covariance, _: np.linalg.eigvalsh(covariance)[..., -1],
+        evaluate=lambda covariance, _: np.asarray(
+            np.linalg.eigvalsh(covariance)[..., -1], dtype=np.float64
+        ),
         monotone=True,
         positive=True,
     ),

@@ -122,4 +122,6 @@ class Mission:
         ):
             for name in names:
                 if names.count(name) > 1:
-                    raise InvalidInputError(f"mission: expected unique names, got {what} {name!r} twice")
+                    raise InvalidInputError(
+                        f"mission: expected unique names, got {what} {name!r} twice"
+                    )

@@ -22,7 +22,7 @@ from fgplan.models.motion import MotionModel
 from fgplan.models.pose import check_pose, position, tangent_dim
 from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.multi_robot import MultiRobotModel
-from fgplan.typing import FloatArray, IntArray, Key, Pose
+from fgplan.typing import BoolArray, FloatArray, Key, Pose
 from roadmaps import Workspace
 
 
@@ -139,7 +139,7 @@ class World:
             )
         return self.landmark_positions[self.landmark_keys.index(key)]
 
-    def has_line_of_sight(self, starts: FloatArray, ends: FloatArray) -> IntArray:
+    def has_line_of_sight(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """Whether segments are free of obstacles: what a sensor asks of a world.
 
         Args:
@@ -151,7 +151,7 @@ class World:
         """
         if self.workspace is None:
             return np.ones(len(ends), dtype=np.int64)
-        return self.workspace.has_line_of_sight(starts, ends).astype(np.int64)
+        return self.workspace.has_line_of_sight(starts, ends)
 
     def _check_robots(self) -> None:
         """Check names, sensors and start positions."""

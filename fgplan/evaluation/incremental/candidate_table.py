@@ -1,11 +1,11 @@
 """Candidate paths of one robot as arrays: what is computed once and shared by all evaluations.
 
-Candidates share states where they share a prefix: the state (step, time, pose, observations) is
-the key, since heading depends on the edge by which a vertex was reached. Motion factors between
-consecutive poses have whitened rows A1 = -W Ad(h^-1), A2 = W with h the relative pose.
+Candidates share states where they share a prefix: the key is (step, time, vertex, pose,
+observations), since heading depends on the edge by which a vertex was reached. Motion factors
+between consecutive poses have whitened rows A1 = -W Ad(h^-1), A2 = W with h the relative pose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 from fgplan.models.pose import adjoint, between
 from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.paths.state import State
-from fgplan.typing import FloatArray, IntArray
+from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
 class MotionBlocks(NamedTuple):
@@ -42,6 +42,8 @@ class CandidateTable:
         owner: Shape (A, 2), candidate and step where each distinct own state was first met.
         poses: Shape (A, 3) or (A, 4, 4), poses of the distinct own states.
         vertices: Shape (A,), their roadmap vertices.
+        counted: Shape (A,), whether each is the first of those that differ only in what they
+            observe.
         observations: Planned observations from each distinct state.
         motion: Blocks of the motion factors, each of shape (N, Lmax, d, d).
     """
@@ -52,6 +54,7 @@ class CandidateTable:
     owner: IntArray
     poses: FloatArray
     vertices: IntArray
+    counted: BoolArray
     observations: tuple[tuple[Observation, ...], ...]
     motion: MotionBlocks
 
@@ -69,6 +72,8 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
     Returns:
         The table.
     """
+    from fgplan.evaluation.incremental.distinct_kernels import distinct_rows
+
     paths = tuple(paths)
     dim = paths[0].dim
     lengths = np.array([path.steps for path in paths], np.int64)
@@ -85,19 +90,15 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
     poses = np.concatenate([path.poses[1:] for path in paths])
     steps = np.concatenate([np.arange(1.0, length + 1.0) for length in lengths.tolist()])
     times = np.concatenate([path.times_s[1:] for path in paths])
-    marks = np.column_stack([steps, times, poses.reshape(len(poses), -1)])
-    raw, width = marks.tobytes(), marks.shape[1] * marks.itemsize
-    names: list[tuple[object, ...] | bytes] = [
-        raw[at : at + width] for at in range(0, len(raw), width)
-    ]
-    observed = _observed(paths, names)
-    number: dict[object, int] = {}
-    flat = np.array([number.setdefault(name, len(number)) for name in names], np.int64)
-    first = np.unique(flat, return_index=True)[1]
+    vertices = np.concatenate([np.array(path.vertices[1:], np.int64) for path in paths])
+    observed = _observed(paths)
+    seen = _observation_marks(observed, len(poses))
+    marks = np.column_stack([seen, steps, times, vertices, poses.reshape(len(poses), -1)])
+    flat, first = distinct_rows(marks.view(np.int64))
+    _, once = distinct_rows(np.ascontiguousarray(marks[:, 1:]).view(np.int64))
     states = np.full((len(paths), longest), -1, np.int64)
     states[inside] = flat
     owner = np.column_stack([np.repeat(np.arange(len(paths)), lengths), steps]).astype(np.int64)
-    vertices = np.concatenate([np.array(path.vertices[1:], np.int64) for path in paths])
     return CandidateTable(
         paths=paths,
         lengths=lengths,
@@ -105,25 +106,31 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
         owner=owner[first],
         poses=np.ascontiguousarray(poses[first]),
         vertices=vertices[first],
+        counted=np.isin(first, once),
         observations=tuple(observed.get(at, ()) for at in first.tolist()),
         motion=motion,
     )
 
 
-def _observed(
-    paths: Sequence[CandidatePath], names: list[tuple[object, ...] | bytes]
-) -> dict[int, tuple[Observation, ...]]:
-    """Observations by flat place; states that observe differently get different names."""
+def _observed(paths: Sequence[CandidatePath]) -> dict[int, tuple[Observation, ...]]:
+    """Observations by place of their state in all paths laid end to end."""
     found: dict[int, list[Observation]] = {}
     begin = 0
     for path in paths:
         for seen in path.observations:
             found.setdefault(begin + seen.step - 1, []).append(seen)
         begin += path.steps
-    for at, seen_here in found.items():
-        marks = ((o.landmark, o.sensor, np.asarray(o.covariance).tobytes()) for o in seen_here)
-        names[at] = (names[at], *marks)
     return {at: tuple(seen_here) for at, seen_here in found.items()}
+
+
+def _observation_marks(observed: Mapping[int, tuple[Observation, ...]], size: int) -> IntArray:
+    """A number for what each state observes: the same for the same observations, 0 for none."""
+    marks = np.zeros(size, np.int64)
+    known: dict[tuple[object, ...], int] = {}
+    for at, seen_here in observed.items():
+        name = tuple((o.landmark, o.sensor, np.asarray(o.covariance).tobytes()) for o in seen_here)
+        marks[at] = known.setdefault(name, len(known) + 1)
+    return marks
 
 
 def step_blocks(before: FloatArray, after: FloatArray, covariances: FloatArray) -> MotionBlocks:
@@ -137,19 +144,11 @@ def step_blocks(before: FloatArray, after: FloatArray, covariances: FloatArray) 
     Returns:
         Blocks of every step, each of shape (M, d, d).
     """
-    information = np.linalg.inv(covariances)
     if before.ndim == 2:
-        cos2, sin2 = np.cos(after[:, 2]), np.sin(after[:, 2])
-        x, y = before[:, 0] - after[:, 0], before[:, 1] - after[:, 1]
-        turn = before[:, 2] - after[:, 2]
-        back = np.zeros((len(before), 3, 3))
-        back[:, 0, 0] = back[:, 1, 1] = np.cos(turn)
-        back[:, 1, 0] = np.sin(turn)
-        back[:, 0, 1] = -back[:, 1, 0]
-        back[:, 0, 2] = -sin2 * x + cos2 * y
-        back[:, 1, 2] = -(cos2 * x + sin2 * y)
-        back[:, 2, 2] = 1.0
-    else:
-        back = np.array([adjoint(between(b, a)) for a, b in zip(before, after, strict=True)])
+        from fgplan.evaluation.incremental.factor_kernels import motion_blocks
+
+        return MotionBlocks(*motion_blocks(before.copy(), after.copy(), covariances.copy()))
+    information: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
+    back = np.array([adjoint(between(b, a)) for a, b in zip(before, after, strict=True)])
     cross = -information @ back
     return MotionBlocks(information, cross, -np.swapaxes(back, 1, 2) @ cross)

@@ -54,8 +54,8 @@ def candidate_terms(turn: Turn, subset: IntArray, work: Work) -> tuple[Turn, Flo
     steps = path_steps(memory.announced)
     lengths = memory.table.lengths[subset]
     if reads_only_the_end(memory.problem, memory.robot):
-        longest = {**steps, memory.robot: int(lengths.max())}
-        for cut in objective_readings(memory.problem, longest):
+        if any(isinstance(term, UncertaintyTerm) for term in memory.problem.objective.terms):
+            cut = turn.end_readings()
             turn, covariance = _at_the_end(turn, cut, subset, work)
             values += uncertainty_values(memory.problem, cut, covariance, memory.prior_blocks)
         return turn, values
@@ -243,15 +243,17 @@ def lower_bounds(turn: Turn, subset: IntArray) -> FloatArray:
 
     memory, table = turn.memory, turn.memory.table
     problem, universe = memory.problem, turn.universe(None)
-    longest = {**path_steps(memory.announced), memory.robot: int(table.lengths.max())}
-    (cut,) = objective_readings(problem, longest)
+    cut = turn.end_readings()
     own = [_is_own(ref, memory.robot) for ref in cut.variables]
     outside = [ref for ref, mine in zip(cut.variables, own, strict=True) if not mine]
     columns = _columns(turn, outside, None)
     number = memory.numbering.prior(problem.start_keys[memory.robot])
     start = int(universe.column[number])
     basis = np.unique(np.concatenate([columns, start + np.arange(problem.dim)]))
-    lower = np.linalg.cholesky(universe.covariance[np.ix_(basis, basis)])
+    try:
+        lower = np.linalg.cholesky(universe.covariance[np.ix_(basis, basis)])
+    except np.linalg.LinAlgError:  # starts that are tied too closely for Cholesky: no bound
+        return np.full((len(subset), len(problem.objective.terms)), -np.inf)
     scaled = np.linalg.solve(lower, universe.covariance[basis]).T
     size = int(cut.dims.sum())
     covariance = np.zeros((len(subset), size, size))

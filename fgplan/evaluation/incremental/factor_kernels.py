@@ -1,4 +1,4 @@
-"""Compiled: which planar states are near each other, and the blocks of their relative pose.
+"""Compiled: which planar states are near each other, and the blocks of relative poses.
 
 For h = x1^-1 x2 with whitened rows A1 = -W Ad(h^-1), A2 = W and W'W = Omega the blocks are
 
@@ -136,3 +136,66 @@ def relative_pose_blocks(
                         cross[m, i, j] = -product[i, j]
                         other_block[m, i, j] = omega[i, j]
     return own_block, cross, other_block
+
+
+@njit(cache=True)
+def motion_blocks(
+    before: FloatArray, after: FloatArray, covariances: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Information blocks of motion factors between consecutive planar poses.
+
+    Args:
+        before: Shape (M, 3), pose before each step, world frame.
+        after: Shape (M, 3), pose after it.
+        covariances: Shape (M, 3, 3), noise in the tangent of the pose after.
+
+    Returns:
+        Blocks A2'A2, A2'A1 and A1'A1, each of shape (M, 3, 3).
+    """
+    size = before.shape[0]
+    late = np.empty((size, 3, 3))
+    cross = np.empty((size, 3, 3))
+    early = np.empty((size, 3, 3))
+    adjoint = np.zeros((3, 3))
+    adjoint[2, 2] = 1.0
+    for m in range(size):
+        _invert_symmetric(covariances[m], late[m])
+        cos2, sin2 = np.cos(after[m, 2]), np.sin(after[m, 2])
+        x, y = before[m, 0] - after[m, 0], before[m, 1] - after[m, 1]
+        turn = before[m, 2] - after[m, 2]
+        adjoint[0, 0] = adjoint[1, 1] = np.cos(turn)
+        adjoint[1, 0] = np.sin(turn)
+        adjoint[0, 1] = -adjoint[1, 0]
+        adjoint[0, 2] = -sin2 * x + cos2 * y
+        adjoint[1, 2] = -(cos2 * x + sin2 * y)
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total -= late[m, i, k] * adjoint[k, j]
+                cross[m, i, j] = total
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total -= adjoint[k, i] * cross[m, k, j]
+                early[m, i, j] = total
+    return late, cross, early
+
+
+@njit(cache=True)
+def _invert_symmetric(matrix: FloatArray, out: FloatArray) -> None:
+    """Inverse of a symmetric positive definite 3 x 3 matrix: M = L D L', then back."""
+    d0 = matrix[0, 0]
+    l10, l20 = matrix[1, 0] / d0, matrix[2, 0] / d0
+    d1 = matrix[1, 1] - l10 * matrix[1, 0]
+    l21 = (matrix[2, 1] - l20 * matrix[1, 0]) / d1
+    d2 = matrix[2, 2] - l20 * matrix[2, 0] - l21 * l21 * d1
+    k10, k21 = -l10, -l21
+    k20 = l10 * l21 - l20
+    out[2, 2] = 1.0 / d2
+    out[2, 1] = out[1, 2] = k21 / d2
+    out[2, 0] = out[0, 2] = k20 / d2
+    out[1, 1] = 1.0 / d1 + k21 * k21 / d2
+    out[1, 0] = out[0, 1] = k10 / d1 + k21 * k20 / d2
+    out[0, 0] = 1.0 / d0 + k10 * k10 / d1 + k20 * k20 / d2

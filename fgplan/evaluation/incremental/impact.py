@@ -1,8 +1,8 @@
 """What a change of announcements added, removed and touched.
 
-Two factors are the same if they join the same states; a state is (step, time, pose), so the pose
-variables that an old and a new announcement share are the same variables, and differences are set
-differences. A candidate path is impacted if one of its variables is *connected* to a changed
+Two factors are the same if they join the same states; a state is (step, time, vertex, pose), so the
+pose variables that an old and a new announcement share are the same variables, and differences are
+set differences. A candidate path is impacted if one of its variables is *connected* to a changed
 announcement in the union of the graphs before and after, the candidates themselves left out. A path
 that is not impacted keeps its own term; the others' terms shift by one constant for all such paths.
 """
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
-from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.numbering import Numbering
+from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import IntArray
+from fgplan.typing import BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +34,8 @@ class FactorChange:
     added: int
     removed: int
     kept: int
-    dirty: IntArray
-    involved: IntArray
+    dirty: BoolArray
+    involved: BoolArray
 
 
 def same_path(first: CandidatePath | None, second: CandidatePath | None) -> bool:
@@ -45,7 +45,9 @@ def same_path(first: CandidatePath | None, second: CandidatePath | None) -> bool
     if first is None or second is None:
         return False
     return bool(
-        np.array_equal(first.poses, second.poses)
+        first.length_m == second.length_m
+        and first.vertices == second.vertices
+        and np.array_equal(first.poses, second.poses)
         and np.array_equal(first.times_s, second.times_s)
         and np.array_equal(first.motion_covariances, second.motion_covariances)
         and _same_observations(first, second)
@@ -70,6 +72,7 @@ def factor_change(
     before: FactorBlocks,
     after: FactorBlocks,
     changed: Sequence[str],
+    counted: BoolArray,
 ) -> FactorChange:
     """Compare the factors with announced poses before and after.
 
@@ -80,6 +83,8 @@ def factor_change(
         before: Factors of the own states before.
         after: Factors of the own states after.
         changed: Robots whose announced path changed.
+        counted: Shape (A,), own states whose factors are counted; states that differ only in what
+            they observe have the same factors.
 
     Returns:
         The difference by identity.
@@ -98,21 +103,29 @@ def factor_change(
             inner = tuple(range(1, was.poses.ndim))
             same = (was.poses[1 : shared + 1] == now.poses[1 : shared + 1]).all(axis=inner)
             same &= was.times_s[1 : shared + 1] == now.times_s[1 : shared + 1]
+            same &= np.equal(was.vertices[1 : shared + 1], now.vertices[1 : shared + 1])
             gone[first : first + shared] &= ~same
             fresh[first : first + shared] &= ~same
     removed, added = gone[before.variable], fresh[after.variable]
-    states = len(after.pointer) - 1
-    dirty = _any_by_state(before, removed, states) | _any_by_state(after, added, states)
+    dirty = _any_by_state(before, removed) | _any_by_state(after, added)
     involved = (np.diff(before.pointer) > 0) | (np.diff(after.pointer) > 0)
-    count = int(added.sum())
-    return FactorChange(count, int(removed.sum()), len(after.variable) - count, dirty, involved)
+    now_counted = np.repeat(counted, np.diff(after.pointer))
+    was_counted = np.repeat(counted, np.diff(before.pointer))
+    return FactorChange(
+        added=int((added & now_counted).sum()),
+        removed=int((removed & was_counted).sum()),
+        kept=int((~added & now_counted).sum()),
+        dirty=dirty,
+        involved=involved,
+    )
 
 
-def _any_by_state(blocks: FactorBlocks, flag: IntArray, states: int) -> IntArray:
+def _any_by_state(blocks: FactorBlocks, flag: BoolArray) -> BoolArray:
     """Whether any factor of each own state is flagged."""
     running = np.zeros(len(flag) + 1, np.int64)
     np.cumsum(flag, out=running[1:])
-    return running[blocks.pointer[1:]] > running[blocks.pointer[:-1]] if states else flag
+    any_flag: BoolArray = running[blocks.pointer[1:]] > running[blocks.pointer[:-1]]
+    return any_flag
 
 
 class Components:
@@ -165,7 +178,8 @@ class Components:
         return np.array([self._find(node) for node in range(len(self.parent))], np.int64)
 
 
-def touched_candidates(candidate_states: IntArray, flags: IntArray) -> IntArray:
+def touched_candidates(candidate_states: IntArray, flags: BoolArray) -> BoolArray:
     """Candidates with a flagged own state: shape (N, Lmax), -1 padded, and (A,) to (N,)."""
     padded = np.append(flags, False)
-    return padded[candidate_states].any(axis=1)
+    touched: BoolArray = np.any(padded[candidate_states], axis=1)
+    return touched

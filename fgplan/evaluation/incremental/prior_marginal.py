@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 
 from fgplan.evaluation.objective import PriorVariables, UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
@@ -90,8 +91,8 @@ def restrict(wide: PriorMarginal, keys: Sequence[Key]) -> PriorMarginal:
         [np.arange(wide.dims[i]) + wide.offsets[i] for i in [*dropped, *kept]], dtype=np.int64
     )
     size = int(wide.dims[kept].sum())
-    triangle = np.linalg.qr(wide.rows[:, columns], mode="r")
-    return _marginal(tuple(keys), wide.dims[kept], triangle[-size:, -size:])
+    (triangle,) = qr(wide.rows[:, columns], mode="r", check_finite=False)
+    return _marginal(tuple(keys), wide.dims[kept], triangle[: len(columns)][-size:, -size:])
 
 
 def _marginal(

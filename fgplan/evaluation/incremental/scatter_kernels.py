@@ -2,9 +2,19 @@
 
 from numba import njit
 
+from fgplan.typing import FloatArray, IntArray
+
 
 @njit(cache=True)
-def scatter(information, row_variable, column_variable, needed, blocks, column, width):
+def scatter(
+    information: FloatArray,
+    row_variable: IntArray,
+    column_variable: IntArray,
+    needed: IntArray,
+    blocks: FloatArray,
+    column: IntArray,
+    width: IntArray,
+) -> None:
     """Add blocks to the lower and upper triangle of an information matrix.
 
     Args:
@@ -29,7 +39,7 @@ def scatter(information, row_variable, column_variable, needed, blocks, column, 
 
 
 @njit(cache=True)
-def mirror_upper(matrix):
+def mirror_upper(matrix: FloatArray) -> None:
     """Copy the upper triangle of a square matrix to the lower, in place, tile by tile."""
     size = matrix.shape[0]
     tile = 32

@@ -5,11 +5,13 @@ measurements e = C'x_v + T x_k + noise(N) of the message (see ``message_kernels`
 that are read have one joint covariance
 
     J = [ K  Y' ]   K = N + C'S_vv C + C'S_vk T' + T S_kv C + T S_kk T'
-        [ Y  Q  ]   own pose s:   Y = Theta_s (S_kv C + S_kk T') + G_s,  Q = E_ss + Theta_s S_kk Theta_s'
-                    variable g:   Y = S_gv C + S_gk T',                  Q = S_gg,  S_gk Theta_s'
+        [ Y  Q  ]   own pose s:  Y = Theta_s (S_kv C + S_kk T') + G_s
+                                 Q = E_ss + Theta_s S_kk Theta_s'
+                    variable g:  Y = S_gv C + S_gk T',  Q = S_gg,  S_gk Theta_s'
 
 and J = L L' gives the covariance of what is read, given e, as L_Q L_Q': no inverse, no difference.
-A pivot says how many digits were lost on the way: if a diagonal entry was summed from terms more than 1e5 times the pivot, the candidate is flagged and evaluated by QR.
+A pivot says how many digits were lost on the way: if a diagonal entry was summed from terms more
+than 1e5 times the pivot, the candidate is flagged and evaluated by QR.
 """
 
 import numpy as np

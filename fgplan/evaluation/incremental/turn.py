@@ -27,9 +27,10 @@ from fgplan.evaluation.incremental.impact import (
     touched_candidates,
 )
 from fgplan.evaluation.incremental.memory import Memory
-from fgplan.evaluation.incremental.prior_marginal import eliminate_history, restrict
 from fgplan.evaluation.incremental.numbering import Numbering
+from fgplan.evaluation.incremental.prior_marginal import eliminate_history, restrict
 from fgplan.evaluation.incremental.universe import (
+    InformationBlocks,
     Universe,
     build_universe,
     fixed_blocks,
@@ -39,8 +40,9 @@ from fgplan.evaluation.incremental.universe import (
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
 from fgplan.evaluation.objective import PosesOf, Trajectory, UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
+from fgplan.evaluation.term_values import CutReadings, objective_readings, path_steps
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import FloatArray, IntArray, Key
+from fgplan.typing import BoolArray, FloatArray, Key
 
 
 @dataclass(slots=True)
@@ -56,16 +58,27 @@ class Turn:
         changed_robots: Robots whose own uncertainty may have changed without the candidate.
         universes: Others' belief by cut; None is the whole.
         rows: Whitened rows of others' belief by cut, made only where QR is needed.
+        ends: What the objective reads at the end, once found.
     """
 
     memory: Memory
     changed: tuple[str, ...]
     change: FactorChange
-    impacted: IntArray
-    dirty: IntArray
+    impacted: BoolArray
+    dirty: BoolArray
     changed_robots: frozenset[str]
     universes: dict[int | None, Universe] = field(default_factory=dict)
     rows: dict[int | None, FloatArray] = field(default_factory=dict)
+    ends: list[CutReadings] = field(default_factory=list)
+
+    def end_readings(self) -> CutReadings:
+        """What is read where all terms read the end; the own pose stands for every length."""
+        if not self.ends:
+            memory = self.memory
+            steps = path_steps(memory.announced)
+            steps[memory.robot] = int(memory.table.lengths.max())
+            self.ends.extend(objective_readings(memory.problem, steps))
+        return self.ends[0]
 
     def universe(self, cut: int | None) -> Universe:
         """Others' belief at a cut, built once a turn."""
@@ -130,6 +143,11 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
         if robot not in problem.start_keys:
             known = ", ".join(problem.robots)
             raise InvalidInputError(f"announced path of {robot!r}: expected one of {known}")
+    for robot, path in new.items():
+        if path.robot != robot:
+            raise InvalidInputError(
+                f"announced path of robot {robot!r}: got a path of robot {path.robot!r}"
+            )
     old = memory.announced
     changed = tuple(
         r for r in problem.robots if r != memory.robot and not same_path(old.get(r), new.get(r))
@@ -143,10 +161,10 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
             own[robot] = (new[robot], path_blocks(problem, grown.numbering, new[robot]))
     meetings = grown.meetings
     if changed or meetings is None:
-        paths = list(new.values())
-        meetings = meeting_blocks(problem, grown.numbering, paths) if paths else None
+        meetings = _meetings(problem, grown.numbering, new)
     moving = _moving(grown, new)
-    change = factor_change(grown.numbering, old, new, grown.moving, moving, changed)
+    counted = memory.table.counted
+    change = factor_change(grown.numbering, old, new, grown.moving, moving, changed, counted)
     after = replace(grown, announced=new, own_pieces=own, meetings=meetings, moving=moving)
     impacted, changed_robots = _impact(grown, after, changed)
     dirty = touched_candidates(memory.table.states, change.dirty)
@@ -179,13 +197,20 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
         numbering=fresh,
         prior=restrict(wide, fresh.prior_keys),
         fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
-        own_pieces={},
-        meetings=None,
+        own_pieces={r: (p, path_blocks(problem, fresh, p)) for r, p in memory.announced.items()},
+        meetings=_meetings(problem, fresh, memory.announced),
     )
     if capacity == numbering.capacity:
         return grown
     moving = _moving(grown, memory.announced)
     return replace(grown, moving=moving, pools=())
+
+
+def _meetings(
+    problem: PlanningProblem, numbering: Numbering, announced: Mapping[str, CandidatePath]
+) -> InformationBlocks | None:
+    """Blocks of the factors among the announced paths, if there are any paths."""
+    return meeting_blocks(problem, numbering, list(announced.values())) if announced else None
 
 
 def _moving(memory: Memory, announced: Mapping[str, CandidatePath]) -> FactorBlocks:
@@ -202,7 +227,7 @@ def _moving(memory: Memory, announced: Mapping[str, CandidatePath]) -> FactorBlo
 
 def _impact(
     before: Memory, after: Memory, changed: tuple[str, ...]
-) -> tuple[IntArray, frozenset[str]]:
+) -> tuple[BoolArray, frozenset[str]]:
     """Impacted candidates, and robots whose own uncertainty may have changed."""
     size = len(before.table.paths)
     if before.terms is None:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import lapack, qr, solve_triangular
 
 from fgplan.evaluation.incremental.candidate_table import step_blocks
 from fgplan.evaluation.incremental.factor_blocks import (
@@ -196,5 +196,6 @@ def build_universe(
         mirror_upper(covariance)
         return Universe(column, width, covariance, False)
     rows = universe_rows(problem, numbering, prior, announced, column, size)
-    half = solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(size))
+    (triangle,) = qr(rows, mode="r", check_finite=False)
+    half = solve_triangular(triangle[:size], np.eye(size))
     return Universe(column, width, np.ascontiguousarray(half @ half.T), True)

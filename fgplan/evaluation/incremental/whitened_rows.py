@@ -7,8 +7,9 @@ reports that digits were lost.
 """
 
 from collections.abc import Mapping, Sequence
+
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import qr, solve_triangular
 
 from fgplan.evaluation.incremental.factor_blocks import joint_rows, observation_rows
 from fgplan.evaluation.incremental.numbering import Numbering
@@ -166,7 +167,9 @@ def posterior_by_qr(
     read = np.concatenate([*own, read_columns], dtype=np.int64)
     rest = np.setdiff1d(np.arange(total), read)
     rows = rows[np.argsort(-np.abs(rows).max(axis=1), kind="stable")]
-    triangle = np.linalg.qr(rows[:, np.concatenate([rest, read])], mode="r")
+    columns = np.concatenate([rest, read])
+    (triangle,) = qr(rows[:, columns], mode="r", check_finite=False)
+    triangle = triangle[:total]
     half = solve_triangular(triangle[-len(read) :, -len(read) :], np.eye(len(read)))
     return half @ half.T
 
