@@ -1,7 +1,7 @@
 """Timing whole planning sessions: from the first evaluation to agreement, everything included."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,14 +100,20 @@ def count_evaluations(world: OpenWorld, agreement: Agreement) -> EvaluationCount
     )
 
 
-def impacted_share(world: OpenWorld, agreement: Agreement) -> float:
-    """Mean share of a robot's candidates that an announcement impacts, after its first evaluation.
+def impacted_share(sessions: Sequence[tuple[OpenWorld, Agreement]]) -> float:
+    """Mean share of a robot's candidates that an announcement impacts.
 
-    NaN where no robot evaluated twice.
+    Args:
+        sessions: Worlds and what was agreed in them.
+
+    Returns:
+        Mean over all evaluations but each robot's first; NaN where no robot evaluated twice.
     """
-    size = len(next(iter(world.candidates.values())))
-    reports = [r.decision.report for r in agreement.records if r.decision is not None]
-    shares = [len(report.impacted) / size for report in reports[len(world.candidates) :]]
+    shares = []
+    for world, agreement in sessions:
+        size = len(next(iter(world.candidates.values())))
+        reports = [r.decision.report for r in agreement.records if r.decision is not None]
+        shares += [len(report.impacted) / size for report in reports[len(world.candidates) :]]
     return float(np.mean(shares)) if shares else float("nan")
 
 
