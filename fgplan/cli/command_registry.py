@@ -26,6 +26,9 @@ BENCHES: dict[str, RegisteredCommand] = {
     "impacted": RegisteredCommand(
         "fgplan.bench.impacted:run", "whole planning sessions, evaluators side by side"
     ),
+    "history": RegisteredCommand(
+        "fgplan.bench.history:run", "milliseconds a candidate when the past grows"
+    ),
 }
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {}
