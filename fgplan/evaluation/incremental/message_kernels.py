@@ -19,9 +19,10 @@ With Z = L^-1 Y', t = L^-1 Psi_ck, w = L^-1 e_s for a pose s that is read, the m
     Theta_s = -w't,  G_s = w'Z,  E_ss = w'w      the same for the pose that is read.
 
 C may have fewer columns than rows (range-only, bearing-only): pivoted Cholesky gives it. Where it
-is square, e_v is multiplied by C'^-1 - then it measures x_v itself, N holds D^-1 in place of I, and
-nobody who uses the message has to multiply S by C. Nothing here is subtracted that was added,
-except Y'Y inside Psi; where that cancels, the message is flagged and the path is evaluated by QR.
+is a well-conditioned triangle, e_v is multiplied by C'^-1 - then it measures x_v itself, N holds
+D^-1 in place of I, and nobody who uses the message has to multiply S by C. Nothing here is
+subtracted that was added, except Y'Y inside Psi; where that cancels, the message is flagged and the
+path is evaluated by QR.
 """
 
 from typing import NamedTuple
@@ -141,7 +142,44 @@ def _gather(
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _split(
+def _split_full(
+    big: FloatArray,
+    cross: FloatArray,
+    size: int,
+    lo: int,
+    hi: int,
+    c_out: FloatArray,
+    y_out: FloatArray,
+) -> bool:
+    """D = C C' with C a lower triangle, and Y; False where D is not well conditioned enough."""
+    for a in range(size):
+        for b in range(a + 1):
+            total = big[a, b]
+            for k in range(b):
+                total -= c_out[a, k] * c_out[b, k]
+            if a > b:
+                c_out[a, b] = total / c_out[b, b]
+            elif total > CANCELLATION_LIMIT * big[a, a]:
+                c_out[a, a] = np.sqrt(total)
+            else:
+                return False
+    for a in range(size):
+        row = y_out[a]
+        for j in range(lo, hi):
+            row[j] = cross[a, j]
+        for k in range(a):
+            weight = c_out[a, k]
+            above = y_out[k]
+            for j in range(lo, hi):
+                row[j] -= weight * above[j]
+        scale = 1.0 / c_out[a, a]
+        for j in range(lo, hi):
+            row[j] *= scale
+    return True
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _split_pivoted(
     big: FloatArray,
     cross: FloatArray,
     size: int,
@@ -152,6 +190,7 @@ def _split(
     y_out: FloatArray,
 ) -> tuple[int, bool]:
     """D = C C' by pivoted Cholesky and Y by substitution; returns (rank, no digits lost)."""
+    c_out[:, :] = 0.0
     done = np.zeros(size, np.int64)
     remaining = np.empty(size)
     for a in range(size):
@@ -235,58 +274,43 @@ def _measure_variables(
     c: FloatArray,
     first: int,
     rank: int,
-    size: int,
+    square: bool,
     z: FloatArray,
     noise: FloatArray,
     offset: int,
 ) -> None:
-    """Multiply the rows of a slot by C'^-1 where C is square, and add their own noise to N."""
+    """Put a slot's own noise into N; where C is a triangle, multiply its rows by C'^-1 first."""
     total = z.shape[0]
     for r in range(first, first + rank):
         noise[offset + r * total : offset + r * total + r + 1] = 0.0
-    if rank < size:
-        for r in range(first, first + rank):
-            noise[offset + r * total + r] = 1.0
+        noise[offset + r * total + r] = 1.0
+    if not square:
         return
-    # C has the rows of a lower triangle in pivoted order: its inverse by elimination with pivots
-    work = np.zeros((size, 2 * size))
-    for a in range(size):
-        for b in range(size):
-            work[a, b] = c[b, a]
-        work[a, size + a] = 1.0
-    for k in range(size):
-        pivot = k
-        for a in range(k, size):
-            if abs(work[a, k]) > abs(work[pivot, k]):
-                pivot = a
-        for b in range(2 * size):
-            swap = work[k, b]
-            work[k, b] = work[pivot, b]
-            work[pivot, b] = swap
-        scale = 1.0 / work[k, k]
-        for b in range(2 * size):
-            work[k, b] *= scale
-        for a in range(size):
-            if a != k:
-                weight = work[a, k]
-                for b in range(2 * size):
-                    work[a, b] -= weight * work[k, b]
-    fresh = np.zeros((size, z.shape[1]))
-    for a in range(size):
-        for b in range(size):
-            weight = work[a, size + b]
-            for j in range(z.shape[1]):
-                fresh[a, j] += weight * z[first + b, j]
-    for a in range(size):
+    inverse = np.zeros((rank, rank))
+    for a in range(rank):
+        inverse[a, a] = 1.0 / c[a, a]
+        for b in range(a):
+            entry = 0.0
+            for k in range(b, a):
+                entry -= c[a, k] * inverse[k, b]
+            inverse[a, b] = entry * inverse[a, a]
+    for a in range(rank):
+        row = z[first + a]
         for j in range(z.shape[1]):
-            z[first + a, j] = fresh[a, j]
+            row[j] *= inverse[a, a]
+        for b in range(a + 1, rank):
+            weight = inverse[b, a]
+            below = z[first + b]
+            for j in range(z.shape[1]):
+                row[j] += weight * below[j]
+    for a in range(rank):
         for b in range(a + 1):
             entry = 0.0
-            for k in range(size):
-                entry += work[a, size + k] * work[b, size + k]
+            for k in range(a, rank):
+                entry += inverse[k, a] * inverse[k, b]
             noise[offset + (first + a) * total + first + b] = entry
     c[:, :] = 0.0
-    for a in range(size):
+    for a in range(rank):
         c[a, a] = 1.0
 
 
@@ -331,6 +355,7 @@ def build_messages(
         np.empty((most * d, longest * d)),
     )
     merged_rows = np.empty((most * d, longest * d))
+    square = np.empty(most, np.bool_)
     for n in range(lengths.shape[0]):
         c = pool.candidates[n]
         length = lengths[n]
@@ -354,16 +379,29 @@ def build_messages(
             place = pool.slot_pointer[n] + slot
             merged_rows[total : total + d, :q] = 0.0
             pool.slot_c[place, :, :] = 0.0
-            rank, fine = _split(
+            size = width[found.variable[slot]]
+            rank, fine = size, True
+            square[slot] = found.rows[slot] >= size and _split_full(
                 found.information[slot],
                 found.cross[slot * d : slot * d + d],
-                width[found.variable[slot]],
-                found.rows[slot],
+                size,
                 lo,
                 hi,
                 pool.slot_c[place],
                 merged_rows[total : total + d],
             )
+            if not square[slot]:
+                rank, fine = _split_pivoted(
+                    found.information[slot],
+                    found.cross[slot * d : slot * d + d],
+                    size,
+                    found.rows[slot],
+                    lo,
+                    hi,
+                    pool.slot_c[place],
+                    merged_rows[total : total + d],
+                )
+                fine = fine and rank < size  # full rank, but no well-conditioned triangle
             good = good and fine
             pool.slot_variable[place] = found.variable[slot]
             pool.slot_row[place] = total
@@ -382,12 +420,13 @@ def build_messages(
         pool.sound[n] = 1 if good else 0
         inverse = inverse_skyline(psi, first)
         z = np.dot(merged, inverse.T)
-        for slot in range(pool.slot_pointer[n], pool.slot_pointer[n] + count):
+        for slot in range(count):
+            place = pool.slot_pointer[n] + slot
             _measure_variables(
-                pool.slot_c[slot],
-                pool.slot_row[slot],
-                pool.slot_rank[slot],
-                width[pool.slot_variable[slot]],
+                pool.slot_c[place],
+                pool.slot_row[place],
+                pool.slot_rank[place],
+                square[slot],
                 z,
                 pool.noise,
                 pool.noise_pointer[n],
