@@ -95,16 +95,7 @@ def check_covariance(values: ArrayLike, name: str, size: int | None = None) -> C
     Raises:
         InvalidInputError: If it is not; GTSAM would take any of these without a word.
     """
-    matrix = check_finite(values, name, (size, size))
-    if matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
-        raise InvalidInputError(f"{name}: expected a square matrix, got shape {matrix.shape}")
-    asymmetry = float(np.abs(matrix - matrix.T).max())
-    if asymmetry > SYMMETRY_TOLERANCE * float(np.abs(matrix).max()):
-        raise InvalidInputError(
-            f"{name}: expected a symmetric matrix, got |M - M'| up to {asymmetry:g}; "
-            "symmetrise it as (M + M') / 2 if the difference is rounding"
-        )
-    matrix = frozen(0.5 * (matrix + matrix.T))
+    matrix = _check_symmetric(values, name, size)
     diagonal = np.diag(matrix)
     if (diagonal <= 0.0).any():
         worst = int(np.argmin(diagonal))
@@ -120,3 +111,41 @@ def check_covariance(values: ArrayLike, name: str, size: int | None = None) -> C
             f"{eigenvalues[0]:g} (diagonal scaled to one); check signs of the off-diagonal entries"
         )
     return matrix
+
+
+def check_semidefinite(values: ArrayLike, name: str, size: int | None = None) -> Covariance:
+    """Check that a matrix is symmetric and positive semidefinite; zero is allowed.
+
+    Args:
+        values: Shape (n, n).
+        name: What it is, for the message.
+        size: Expected n, or None for any.
+
+    Returns:
+        A read-only copy, exactly symmetric.
+
+    Raises:
+        InvalidInputError: If it is not.
+    """
+    matrix = _check_symmetric(values, name, size)
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if smallest < -SYMMETRY_TOLERANCE * float(np.abs(matrix).max()):
+        raise InvalidInputError(
+            f"{name}: expected a positive semidefinite matrix, got an eigenvalue of {smallest:g}; "
+            "check signs"
+        )
+    return matrix
+
+
+def _check_symmetric(values: ArrayLike, name: str, size: int | None) -> FloatArray:
+    """Square, finite and symmetric; returned read-only and exactly symmetric."""
+    matrix = check_finite(values, name, (size, size))
+    if matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
+        raise InvalidInputError(f"{name}: expected a square matrix, got shape {matrix.shape}")
+    asymmetry = float(np.abs(matrix - matrix.T).max())
+    if asymmetry > SYMMETRY_TOLERANCE * float(np.abs(matrix).max()):
+        raise InvalidInputError(
+            f"{name}: expected a symmetric matrix, got |M - M'| up to {asymmetry:g}; "
+            "symmetrise it as (M + M') / 2 if the difference is rounding"
+        )
+    return frozen(0.5 * (matrix + matrix.T))
