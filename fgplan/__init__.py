@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from fgplan.errors import InvalidInputError as InvalidInputError
     from fgplan.errors import MissingExtraError as MissingExtraError
     from fgplan.errors import NoCandidatePathError as NoCandidatePathError
+    from fgplan.errors import OptionError as OptionError
     from fgplan.errors import ScenarioError as ScenarioError
     from fgplan.errors import StaleAnnouncementError as StaleAnnouncementError
     from fgplan.errors import UnknownNameError as UnknownNameError
@@ -132,6 +133,7 @@ MODULE_OF = {
     "ReevaluationReport": "fgplan.evaluation.evaluations",
     "RelativePoseSensor": "fgplan.models.relative_pose",
     "RobotPlan": "fgplan.planners.plan",
+    "OptionError": "fgplan.errors",
     "ScenarioError": "fgplan.errors",
     "StaleAnnouncementError": "fgplan.errors",
     "State": "fgplan.paths.state",

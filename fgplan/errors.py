@@ -22,6 +22,10 @@ class UnknownNameError(FgplanError, LookupError):
     """A key, robot, planner, sensor or function is not known; the message lists what is."""
 
 
+class OptionError(InvalidInputError, UnknownNameError):
+    """An option of a planner is not known or not usable; the message names planner and option."""
+
+
 class IllPosedBeliefError(FgplanError, ArithmeticError):
     """A belief has no finite covariance; the message names the variable and the missing factor."""
 
