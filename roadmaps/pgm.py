@@ -54,6 +54,11 @@ def read_pgm(path: Path) -> FloatArray:
         body = data[place + 1 :]
         found = len(body) // kind.itemsize
         pixels = np.frombuffer(body, dtype=kind, count=min(found, width * height))
+        if body[width * height * kind.itemsize :].strip():
+            raise MapFileError(
+                f"{path}: pixels: expected {width} x {height} = {width * height}, got {found}; "
+                "the header is wrong, or the file holds more than one image"
+            )
     else:
         text = re.sub(rb"#[^\n\r]*", b"", data[place:]).split()
         wrong = next((word for word in text if not word.isdigit()), None)

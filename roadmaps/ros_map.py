@@ -75,6 +75,11 @@ def read_ros_map(path: str | Path) -> OccupancyGrid:
     image = fields.get("image", "")
     if not isinstance(image, str) or not image:
         raise MapFileError(f"{path}: field 'image': expected the name of a PGM file, got {image!r}")
+    if not (path.parent / image).is_file():
+        raise MapFileError(
+            f"{path}: field 'image': expected a PGM file relative to this one, got {image!r}: no "
+            f"{path.parent / image}"
+        )
     grey = read_pgm(path.parent / image)
     occupancy = grey if _negate(fields, path) else 1.0 - grey
     cells = np.full(grey.shape, UNKNOWN, dtype=np.int8)
