@@ -7,12 +7,13 @@ generator in the order of sending.
 """
 
 import heapq
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from fgplan.checks import check_not_negative
+from fgplan.checks import check_finite, check_not_negative
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.team.envelope import Envelope, TrafficByKind, decode_envelope
 
@@ -30,6 +31,17 @@ class Partition:
     start_s: float
     end_s: float
     groups: tuple[tuple[str, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Check that it heals after it began."""
+        check_not_negative(self.start_s, "network partition start_s")
+        check_not_negative(self.end_s, "network partition end_s")
+        if self.end_s <= self.start_s:
+            raise InvalidInputError(
+                f"network partition end_s: expected later than start_s = {self.start_s:g}, got "
+                f"{self.end_s:g}"
+            )
+        object.__setattr__(self, "groups", tuple(tuple(group) for group in self.groups))
 
     def parts(self, sender: str, receiver: str, now_s: float) -> bool:
         """Whether it keeps two robots apart at a time."""
@@ -67,11 +79,50 @@ class NetworkFaults:
                     f"network faults {name}: expected a probability below one, got {value}"
                 )
         check_not_negative(self.reordering_s, "network faults reordering_s")
-        low, high = self.delay_s
-        check_not_negative(low, "network faults delay_s")
-        if not low <= high < np.inf:
+        delays = check_finite(self.delay_s, "network faults delay_s", (2,)).tolist()
+        if not 0.0 <= delays[0] <= delays[1]:
             raise InvalidInputError(
-                f"network faults delay_s: expected shortest and longest, got {self.delay_s}"
+                "network faults delay_s: expected shortest and longest, zero or more, got "
+                f"{self.delay_s}"
+            )
+        object.__setattr__(self, "delay_s", tuple(delays))
+        object.__setattr__(self, "partitions", tuple(self.partitions))
+
+
+def read_faults(given: Mapping[str, Any]) -> NetworkFaults:
+    """Network faults from plain data, as a scenario gives them.
+
+    Args:
+        given: Fields of ``NetworkFaults`` by name; ``partitions`` as mappings too.
+
+    Returns:
+        The faults.
+
+    Raises:
+        UnknownNameError: If a field is not known; lists those that are.
+        InvalidInputError: If a field is missing or has a value that is not usable.
+    """
+    known = {field.name for field in fields(NetworkFaults)}
+    _check_fields("network faults", given, known)
+    needed = {field.name for field in fields(Partition)}
+    partitions = []
+    for index, partition in enumerate(given.get("partitions", ())):
+        _check_fields(f"network partition {index}", partition, needed)
+        missing = sorted(needed - set(partition))
+        if missing:
+            raise InvalidInputError(f"network partition {index}: expected {missing[0]}, got none")
+        partitions.append(Partition(**partition))
+    return NetworkFaults(**{**given, "partitions": tuple(partitions)})
+
+
+def _check_fields(what: str, given: Mapping[str, Any], known: set[str]) -> None:
+    """Refuse what is no table, and fields that are not known."""
+    if not isinstance(given, Mapping):
+        raise InvalidInputError(f"{what}: expected a table, got {given!r}")
+    for name in given:
+        if name not in known:
+            raise UnknownNameError(
+                f"{what} {name}: expected one of {', '.join(sorted(known))}, got {name!r}"
             )
 
 
