@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fgplan.beliefs.belief import Belief
-from fgplan.checks import check_covariance, check_finite
+from fgplan.checks import check_covariance, check_finite, check_semidefinite
 from fgplan.errors import InvalidInputError
 from fgplan.evaluation.objective import Objective
 from fgplan.evaluation.problem import PastState
@@ -75,11 +75,31 @@ class MissionTarget:
         for key, value in (
             ("mean", mean),
             ("covariance", check_covariance(self.covariance, f"target {self.name!r}", size)),
-            ("transition", check_finite(self.transition, f"target {self.name!r} A", (size, size))),
-            ("drift", check_finite(self.drift, f"target {self.name!r} d", (size,))),
-            ("process", check_finite(self.process, f"target {self.name!r} Q", (size, size))),
+            (
+                "transition",
+                check_finite(self.transition, f"target {self.name!r} transition", (size, size)),
+            ),
+            ("drift", check_finite(self.drift, f"target {self.name!r} drift", (size,))),
+            ("process", check_semidefinite(self.process, f"target {self.name!r} process", size)),
         ):
             object.__setattr__(self, key, value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionSimulation:
+    """What a scenario asks of a closed loop; planners do not read it.
+
+    Attributes:
+        steps: Number of steps to execute; None runs until every path has ended.
+        seed: Seed of the truth and of measurement noise; None takes the mission's.
+        runs: Number of Monte Carlo runs.
+        options: Options that only the planner's own simulation understands.
+    """
+
+    steps: int | None = None
+    seed: int | None = None
+    runs: int = 1
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +116,7 @@ class Mission:
         multi_robot: Models of factors between robots.
         past_states: Past poses that may take part in multi-robot factors.
         targets: Hidden targets.
+        simulation: What the scenario asks of a closed loop; None where it asks nothing.
         options: Options of the planner, as the scenario gives them under ``[planner.NAME]``.
         digest: Digest of the scenario.
         seed: Seed of every random number of the run.
@@ -110,6 +131,7 @@ class Mission:
     multi_robot: tuple[MultiRobotModel, ...] = ()
     past_states: tuple[PastState, ...] = ()
     targets: tuple[MissionTarget, ...] = ()
+    simulation: MissionSimulation | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     digest: str = ""
     seed: int = 0

@@ -41,7 +41,6 @@ class AbstractPlanner(Protocol):
 
         Raises:
             NoCandidatePathError: If there is no feasible plan; names the robot.
-            UnknownNameError: If an option is not known; lists those that are.
-            InvalidInputError: If an option has a value that is not usable.
+            OptionError: If an option is not known (lists those that are) or not usable.
         """
         ...

@@ -73,9 +73,10 @@ class ExhaustivePlanner:
             The optimum; ``details`` holds ``optimum``, ``agreed``, ``gap`` and ``combinations``.
 
         Raises:
-            InvalidInputError: If there are too many combinations, or an option is not usable.
+            InvalidInputError: If there are too many combinations.
+            OptionError: If an option is not known or has a value that is not usable.
             NoCandidatePathError: If a robot has no candidate and may not stay; names it.
-            UnknownNameError: If an option, evaluator or sensor is not known.
+            UnknownNameError: If an evaluator or sensor is not known.
         """
         options = read_options(ExhaustiveOptions, mission.options, self.name)
         evaluator = find_evaluator(options.evaluator)
@@ -106,6 +107,7 @@ class ExhaustivePlanner:
                 sets.candidates,
                 evaluator,
                 options=options.coordination(mission.seed, exact=exact),
+                transport=options.transport(sets.problem.robots, generator),
             )
             agreed = float(agreement.value)
             details["agreed"] = agreed

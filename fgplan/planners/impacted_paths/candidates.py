@@ -62,7 +62,8 @@ def candidate_sets(
         Problem and candidates.
 
     Raises:
-        NoCandidatePathError: If a robot has no candidate and may not stay; names robot and reason.
+        NoCandidatePathError: If a robot has no candidate and may not stay, or no robot has one;
+            names robots and reason.
         UnknownNameError: If a robot's sensor is not in the mission.
     """
     if not mission.robots:
@@ -77,12 +78,8 @@ def candidate_sets(
     found = find_vertex_paths(mission.workspace, stops, options, generator)
     reasons = {robot.name: "it has no goal" for robot in mission.robots if not len(robot.goals)}
     reasons |= found.reasons
-    if reasons and without_path == "refuse":
-        name, reason = next(iter(reasons.items()))
-        raise NoCandidatePathError(
-            f"robot {name!r}: expected at least one candidate path, got none: {reason}; to go on "
-            "without it, set without_path = 'stay'"
-        )
+    if reasons and (without_path == "refuse" or len(reasons) == len(mission.robots)):
+        raise NoCandidatePathError(_without_paths(reasons, len(mission.robots)))
     landmarks = mapped_landmarks(mission.prior)
     candidates = {}
     for robot in mission.robots:
@@ -94,6 +91,26 @@ def candidate_sets(
         candidates[robot.name] = with_observations(bare, carried, landmarks, mission.workspace)
     return CandidateSets(
         problem=problem, candidates=candidates, reasons=reasons, roadmaps=found.roadmaps
+    )
+
+
+def _without_paths(reasons: Mapping[str, str], robots: int) -> str:
+    """What to say of robots without candidates: why, and how to go on."""
+    name, reason = next(iter(reasons.items()))
+    others = [repr(other) for other in list(reasons)[1:]]
+    also = (
+        f" (nor {'have robots' if others[1:] else 'has robot'} {', '.join(others)})"
+        if others
+        else ""
+    )
+    remedy = "no robot of the team has one, so nothing is left to plan"
+    if len(reasons) < robots:
+        remedy = (
+            f"to go on without {'them' if others else 'it'}, set without_path = 'stay' (in a "
+            "scenario: under [team])"
+        )
+    return (
+        f"robot {name!r}: expected at least one candidate path, got none: {reason}{also}; {remedy}"
     )
 
 

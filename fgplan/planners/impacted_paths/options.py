@@ -1,11 +1,14 @@
 """Options of the planners that choose among candidate paths, each with its default."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, cast, get_args
+
+import numpy as np
 
 from fgplan.checks import check_not_negative, check_positive
-from fgplan.errors import InvalidInputError, UnknownNameError
+from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.team.in_process import InProcessTransport, NetworkFaults, read_faults
 from fgplan.team.options import CoordinationOptions, Order, WithoutPath
 from roadmaps import PathMethod
 
@@ -61,6 +64,8 @@ class ImpactedPathsOptions(CandidateOptions):
         session: Number of the planning session.
         seed: Seed of the random order; None takes the mission's.
         covariances: Whether to compute the covariance of every pose of the plan.
+        communication: Faults of the simulated network (or its fields by name), drawn by the run's
+            generator; None is a perfect one. They change how long agreement takes, not its paths.
     """
 
     evaluator: str = "incremental"
@@ -72,6 +77,7 @@ class ImpactedPathsOptions(CandidateOptions):
     session: int = 0
     seed: int | None = None
     covariances: bool = True
+    communication: NetworkFaults | Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
@@ -80,11 +86,34 @@ class ImpactedPathsOptions(CandidateOptions):
         _check_name("without_path", self.without_path, get_args(WithoutPath))
         _check_count("max_turns", self.max_turns)
         check_not_negative(self.tolerance, "planner option tolerance")
+        _check_count("session", self.session, least=0)
+        if self.seed is not None:
+            _check_count("seed", self.seed, least=0)
         for name in ("choose", "covariances"):
             if not isinstance(getattr(self, name), bool):
                 raise InvalidInputError(
                     f"planner option {name}: expected true or false, got {getattr(self, name)!r}"
                 )
+
+        if isinstance(self.communication, Mapping):
+            object.__setattr__(self, "communication", read_faults(self.communication))
+        elif not isinstance(self.communication, NetworkFaults | None):
+            raise InvalidInputError(
+                "planner option communication: expected a table of network faults, got "
+                f"{self.communication!r}"
+            )
+
+    def transport(
+        self, robots: Sequence[str], generator: np.random.Generator
+    ) -> InProcessTransport:
+        """What carries the messages; faults come from a stream of their own.
+
+        Candidates are therefore drawn alike with and without faults.
+        """
+        if self.communication is None:
+            return InProcessTransport(robots)
+        faults = cast(NetworkFaults, self.communication)
+        return InProcessTransport(robots, faults, generator.spawn(1)[0])
 
     def coordination(self, mission_seed: int, *, exact: bool) -> CoordinationOptions:
         """How the team comes to agree."""
@@ -115,16 +144,18 @@ def read_options(kind: type[Options], given: Mapping[str, Any], planner: str) ->
         The options, with defaults where none is given.
 
     Raises:
-        UnknownNameError: If an option is not known; lists those that are.
-        InvalidInputError: If a value is not usable; names the option.
+        OptionError: If an option is not known (lists those that are), or a value is not usable.
     """
     known = [option.name for option in fields(kind)]
     for name in given:
         if name not in known:
-            raise UnknownNameError(
+            raise OptionError(
                 f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
             )
-    return kind(**given)
+    try:
+        return kind(**given)
+    except FgplanError as error:
+        raise OptionError(str(error)) from error
 
 
 def _check_name(option: str, value: object, allowed: tuple[str, ...]) -> None:
@@ -135,9 +166,9 @@ def _check_name(option: str, value: object, allowed: tuple[str, ...]) -> None:
         )
 
 
-def _check_count(option: str, value: object) -> None:
-    """Refuse what is not a whole number of at least one."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+def _check_count(option: str, value: object, least: int = 1) -> None:
+    """Refuse what is not a whole number of at least so many."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise InvalidInputError(
-            f"planner option {option}: expected a whole number of at least 1, got {value!r}"
+            f"planner option {option}: expected a whole number of at least {least}, got {value!r}"
         )

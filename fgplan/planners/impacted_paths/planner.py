@@ -49,8 +49,8 @@ class ImpactedPathsPlanner:
 
         Raises:
             NoCandidatePathError: If a robot has no candidate and may not stay; names it.
-            UnknownNameError: If an option, evaluator or sensor is not known.
-            InvalidInputError: If an option has a value that is not usable.
+            OptionError: If an option is not known or has a value that is not usable.
+            UnknownNameError: If an evaluator or sensor is not known.
         """
         tell = progress or _silent
         options = read_options(ImpactedPathsOptions, mission.options, self.name)
@@ -70,6 +70,7 @@ class ImpactedPathsPlanner:
             evaluator,
             options=options.coordination(mission.seed, exact=options.evaluator not in INEXACT),
             goals={r.name: r.goals[-1] for r in mission.robots if len(r.goals)},
+            transport=options.transport(sets.problem.robots, generator),
             progress=None if progress is None else hear,
         )
         tell(agreement.turns, agreement.turns, "turns")
@@ -97,7 +98,10 @@ class ImpactedPathsPlanner:
             },
             warnings=(*_reasons(sets), *agreement.warnings),
             options=dataclasses.asdict(options),
-            details={"turns": [turn_data(record) for record in agreement.records]},
+            details={
+                "turns": [turn_data(record) for record in agreement.records],
+                "clock_s": agreement.clock_s,
+            },
         )
 
 

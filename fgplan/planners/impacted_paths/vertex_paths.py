@@ -115,7 +115,7 @@ def _by_prm(
     found: Found = {}
     first = 0
     for robot, places in stops.items():
-        legs = []
+        legs: list[tuple[VertexPath, ...]] = []
         try:
             for vertex in range(first, first + len(places) - 1):
                 legs.append(  # noqa: PERF401 - which leg failed is told by the exception
@@ -129,7 +129,9 @@ def _by_prm(
                     )
                 )
             found[robot] = _joined(legs, options, robot)
-        except (UnreachableError, NoRoadmapPathError, NoCandidatePathError) as error:
+        except UnreachableError as error:
+            found[robot] = _unreached(places, len(legs) + 1, str(error))
+        except (NoRoadmapPathError, NoCandidatePathError) as error:
             found[robot] = str(error)
         first += len(places)
     return found, {"": graph}
@@ -147,15 +149,20 @@ def _by_rrg(
     found: Found = {}
     graphs: dict[str, nx.Graph] = {}
     for robot, places in stops.items():
-        legs, team_graph, offset = [], nx.Graph(), 0
+        legs: list[tuple[VertexPath, ...]] = []
+        team_graph, offset = nx.Graph(), 0
         try:
             for start, goal in pairwise(places):
                 growth = RRG(workspace, start, generator, step_m=step_m, goal=goal)
                 growth.grow(sample_count=options.vertices)
                 if growth.goal_vertex is None:
                     raise NoCandidatePathError(
-                        f"{options.vertices} samples did not reach {goal.tolist()}; draw more "
-                        "(vertices), or use longer steps (step_m)"
+                        _unreached(
+                            places,
+                            len(legs) + 1,
+                            f"{options.vertices} samples did not reach it; draw more (vertices), "
+                            "or use longer steps (step_m)",
+                        )
                     )
                 graph = nx.relabel_nodes(
                     growth.roadmap(), {vertex: vertex + offset for vertex in range(len(growth))}
@@ -177,6 +184,11 @@ def _by_rrg(
             found[robot] = str(error)
         graphs[robot] = team_graph
     return found, graphs
+
+
+def _unreached(places: FloatArray, goal: int, why: str) -> str:
+    """That a goal, counted from one, cannot be reached."""
+    return f"goal {goal} at {places[goal].tolist()} cannot be reached: {why}"
 
 
 def _joined(
