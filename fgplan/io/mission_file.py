@@ -15,12 +15,15 @@ from fgplan.errors import ScenarioError
 from fgplan.io.objective_table import make_objective
 from fgplan.io.place import Place
 from fgplan.io.prior_table import Prior, make_prior
-from fgplan.io.scenario import RobotTable, Scenario, TargetTable
+from fgplan.io.scenario import RobotTable, Scenario, SimulationTable, TargetTable
 from fgplan.io.scenario_file import read_scenario
 from fgplan.io.sensor_table import make_covariance, make_multi_robot, make_sensors
 from fgplan.io.workspace_table import make_workspace
 from fgplan.models.motion import MotionModel
-from fgplan.planners.mission import Mission, MissionRobot, MissionTarget
+from fgplan.models.relative_pose import RelativePoseSensor
+from fgplan.paths.multi_robot import MultiRobotModel
+from fgplan.planners.mission import Mission, MissionRobot, MissionSimulation, MissionTarget
+from fgplan.team.in_process import read_faults
 from fgplan.typing import Key
 from roadmaps import Workspace
 
@@ -76,8 +79,11 @@ def make_mission(scenario: Scenario, path: Path) -> Mission:
         for index, robot in enumerate(scenario.robots)
     )
     for index, robot in enumerate(robots):
-        _check_goals(robot, workspace, place.at(f"robots[{index}].goal", f"robot {robot.name!r}"))
-    objective = make_objective(scenario, prior.landmark_keys, place)
+        where = place.at(f"robots[{index}]", f"robot {robot.name!r}")
+        _check_goals(robot, workspace, where, listed=scenario.robots[index].goal is None)
+    objective = make_objective(scenario, prior, place)
+    _check_between(multi_robot, prior, place)
+    _check_communication(scenario, place)
     targets = tuple(
         _make_target(target, place.at(f"targets[{index}]", f"target {target.name!r}"))
         for index, target in enumerate(scenario.targets)
@@ -93,6 +99,7 @@ def make_mission(scenario: Scenario, path: Path) -> Mission:
             multi_robot=multi_robot,
             past_states=prior.past_states,
             targets=targets,
+            simulation=_make_simulation(scenario),
             options=_planner_options(scenario, place),
             digest=scenario_digest(scenario, workspace, prior),
             seed=scenario.seed,
@@ -167,20 +174,71 @@ def _make_robot(table: RobotTable, key: Key, dim: int, place: Place) -> MissionR
         )
 
 
-def _check_goals(robot: MissionRobot, workspace: Workspace, place: Place) -> None:
+def _check_goals(robot: MissionRobot, workspace: Workspace, place: Place, *, listed: bool) -> None:
     """Refuse a goal where the robot cannot be; spatial goals are checked by their footprint."""
     valid = workspace.are_positions_valid(robot.goals[:, :2])
-    for goal in robot.goals[~valid]:
-        raise place.error(
-            f"expected goals in free space, got {goal.tolist()}, which is outside the bounds or "
-            f"nearer than {workspace.robot_radius_m:g} m to an obstacle or unknown cell"
+    for index, goal in enumerate(robot.goals):
+        if valid[index]:
+            continue
+        where = place.at(f"goals[{index}]" if listed else "goal")
+        inside = (goal[:2] >= workspace.lower).all() and (goal[:2] <= workspace.upper).all()
+        if not inside:
+            raise where.error(
+                f"expected a goal within the bounds {workspace.lower.tolist()} to "
+                f"{workspace.upper.tolist()}, got {goal.tolist()}; move the goal or the bounds"
+            )
+        raise where.error(
+            f"expected a goal in free space, got {goal.tolist()}, which is inside an obstacle or "
+            f"unknown cell or nearer to one than the robot's radius "
+            f"({workspace.robot_radius_m:g} m); move the goal"
         )
+
+
+def _check_between(models: tuple[MultiRobotModel, ...], prior: Prior, place: Place) -> None:
+    """Refuse a relative-pose sensor whose noise does not fit the robots' poses."""
+    dim = prior.belief.dim(next(iter(prior.start_keys.values())))
+    for index, model in enumerate(models):
+        sensor = model.sensor
+        if isinstance(sensor, RelativePoseSensor) and len(sensor.covariance) != dim:
+            raise place.at(f"team.multi_robot[{index}].sensor").error(
+                f"expected noise of {dim} numbers for these robots' poses, got "
+                f"{len(sensor.covariance)}"
+            )
+
+
+def _check_communication(scenario: Scenario, place: Place) -> None:
+    """Refuse network faults that no transport can have, and partitions of strangers."""
+    table = scenario.team.communication
+    if table is None:
+        return
+    where = place.at("team.communication")
+    with where.checking():
+        read_faults(msgspec.to_builtins(table))
+    names = [robot.name for robot in scenario.robots]
+    for index, partition in enumerate(table.partitions):
+        for name in (name for group in partition.groups for name in group):
+            if name not in names:
+                raise where.at(f"partitions[{index}].groups").error(
+                    f"expected names of robots ({', '.join(names)}), got {name!r}"
+                )
+
+
+def _make_simulation(scenario: Scenario) -> MissionSimulation | None:
+    """What the scenario asks of a closed loop, or None where it says nothing."""
+    table = scenario.simulation
+    if table == SimulationTable():
+        return None
+    return MissionSimulation(
+        steps=table.steps, seed=table.seed, runs=table.runs, options=dict(table.options)
+    )
 
 
 def _make_target(table: TargetTable, place: Place) -> MissionTarget:
     """One hidden target; what is left out is static."""
     size = len(table.mean)
-    covariance = make_covariance(table.sigmas, table.covariance, "sigmas", "covariance", place)
+    covariance = make_covariance(
+        (table.sigmas, table.covariance), ("sigmas", "covariance"), (size,), place
+    )
     with place.checking():
         try:
             return MissionTarget(

@@ -3,7 +3,6 @@
 A term without a robot stands for one term a robot, in the order of the team.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from fgplan.evaluation.objective import (
@@ -21,6 +20,7 @@ from fgplan.evaluation.objective import (
 )
 from fgplan.io.key_name import read_key
 from fgplan.io.place import Place
+from fgplan.io.prior_table import Prior
 from fgplan.io.scenario import Scenario, TermTable
 from fgplan.io.user_object import load_object
 from fgplan.typing import Key
@@ -37,12 +37,12 @@ _ONLY_UNCERTAINTY = (
 )
 
 
-def make_objective(scenario: Scenario, landmark_keys: Mapping[str, Key], place: Place) -> Objective:
+def make_objective(scenario: Scenario, prior: Prior, place: Place) -> Objective:
     """Make the objective of a scenario.
 
     Args:
         scenario: The scenario.
-        landmark_keys: Key of each landmark of the scenario, by name.
+        prior: Keys of the prior and of the scenario's landmarks.
         place: The whole file, for messages.
 
     Returns:
@@ -70,12 +70,12 @@ def make_objective(scenario: Scenario, landmark_keys: Mapping[str, Key], place: 
             raise where.error(f"expected a preset or terms, one of the two, got {name} and terms")
     terms: list[Term] = []
     for index, term in enumerate(table.terms):
-        terms.extend(_make_terms(term, robots, landmark_keys, where.at(f"terms[{index}]")))
+        terms.extend(_make_terms(term, robots, prior, where.at(f"terms[{index}]")))
     return Objective(tuple(terms))
 
 
 def _make_terms(
-    table: TermTable, robots: tuple[str, ...], landmark_keys: Mapping[str, Key], place: Place
+    table: TermTable, robots: tuple[str, ...], prior: Prior, place: Place
 ) -> list[Term]:
     """One term, or one a robot."""
     _check_fields(table, place)
@@ -91,7 +91,7 @@ def _make_terms(
             return [TravelTimeTerm(robot=robot, weight=table.weight) for robot in each]
         if table.kind == "path":
             return _make_path_terms(table, each, place)
-        variables = _variables(table, landmark_keys, place)
+        variables = _variables(table, prior, place)
         sets = [PosesOf((robot,)) for robot in each] if variables is None else [variables]
         given: dict[str, Any] = {
             name: getattr(table, name)
@@ -133,18 +133,17 @@ def _make_path_terms(table: TermTable, robots: tuple[str, ...], place: Place) ->
     ]
 
 
-def _variables(
-    table: TermTable, landmark_keys: Mapping[str, Key], place: Place
-) -> VariableSet | None:
+def _variables(table: TermTable, prior: Prior, place: Place) -> VariableSet | None:
     """The variables that are named, or None for each robot's pose in turn."""
     if table.robots is not None:
         return PosesOf(table.robots)
     if table.trajectory_of is not None:
         return Trajectory(table.trajectory_of)
     if table.keys is not None:
-        return PriorVariables(tuple(read_key(key, place.at("keys")) for key in table.keys))
+        return PriorVariables(tuple(_prior_key(key, prior, place) for key in table.keys))
     if table.landmarks is None:
         return None
+    landmark_keys = prior.landmark_keys
     if not landmark_keys:
         raise place.at("landmarks").error("expected [[landmarks]] in the scenario, got none")
     if table.landmarks == "all":
@@ -154,3 +153,12 @@ def _variables(
             known = ", ".join(landmark_keys)
             raise place.at("landmarks").error(f"expected landmarks among {known}, got {name!r}")
     return PriorVariables(tuple(landmark_keys[name] for name in table.landmarks))
+
+
+def _prior_key(name: str | int, prior: Prior, place: Place) -> Key:
+    """A key that the prior has."""
+    where = place.at("keys")
+    key = read_key(name, where)
+    with where.checking():
+        prior.belief.dim(key)
+    return key

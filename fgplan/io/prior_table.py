@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 
 from fgplan.beliefs.belief import Belief
-from fgplan.checks import check_covariance
+from fgplan.errors import ScenarioError
 from fgplan.evaluation.problem import PastState
 from fgplan.factors.keys import describe_key
 from fgplan.io.g2o import read_g2o
@@ -93,10 +93,11 @@ def _from_starts(
         pose = gtsam_pose(robot.start, where.at("start"))
         size = 3 if len(robot.start) == 3 else 6
         covariance = make_covariance(
-            robot.start_sigmas, robot.start_covariance, "start_sigmas", "start_covariance", where
+            (robot.start_sigmas, robot.start_covariance),
+            ("start_sigmas", "start_covariance"),
+            (size,),
+            where,
         )
-        with where.checking():
-            covariance = check_covariance(covariance, "covariance of the start", size)
         key = int(gtsam.symbol("x", index))
         _add_prior(graph, key, pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
         values.insert(key, pose)
@@ -110,8 +111,10 @@ def _from_g2o(
     """Pose graphs of the team's past, held where a FIX line or the scenario says."""
     where = place.at("files")
     paths = [where.path_of(name) for name in table.files]
-    with where.checking():
+    try:
         read = read_g2o(paths, table.landmark_character)
+    except ScenarioError as error:  # names the g2o file and line, but not who asked for it
+        raise where.error(str(error)) from error
     held = read.fixed
     if table.gauge.key is not None:
         held = (read_key(table.gauge.key, place.at("gauge.key")),)

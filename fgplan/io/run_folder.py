@@ -20,9 +20,15 @@ from fgplan.io.run_record import RunRecord
 
 RECORD = "record.json"
 
+FIGURES = ("candidate_paths", "chosen_paths", "objective", "impacted_paths_*")
+"""Names of the figures that a run draws, as patterns."""
 
-def copy_scenario(scenario: Path, folder: Path) -> Path:
-    """Copy a scenario file into a run folder.
+
+def begin_run(scenario: Path, folder: Path) -> Path:
+    """Copy a scenario file into a run folder; what an earlier run left for figures goes.
+
+    Without this a run with fewer figures, or one that ends early, would leave those of the earlier
+    run beside its own result.
 
     Args:
         scenario: The file that is run.
@@ -32,10 +38,13 @@ def copy_scenario(scenario: Path, folder: Path) -> Path:
         The copy, ``scenario`` with the file's suffix.
 
     Raises:
-        InvalidInputError: If it cannot be copied.
+        InvalidInputError: If it cannot be copied, or the earlier files cannot be removed.
     """
     copy = folder / f"scenario{scenario.suffix}"
     try:
+        for name in (RECORD, *(f"{figure}.png" for figure in FIGURES)):
+            for earlier in folder.glob(name):
+                earlier.unlink()
         if not (copy.exists() and copy.samefile(scenario)):
             shutil.copyfile(scenario, copy)
     except OSError as error:

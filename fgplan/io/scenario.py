@@ -297,6 +297,10 @@ class ObjectiveTable(Table, frozen=True):
 class SimulationTable(Table, frozen=True):
     """``[simulation]``: what a closed loop draws and how long it runs.
 
+    Checked and handed on as ``Mission.simulation``. ``fgplan run`` plans and does not execute: it
+    says so where a scenario has this table. To execute a plan, call
+    ``fgplan.simulation.simulate.simulate`` with a world of your own.
+
     Attributes:
         steps: Number of steps to execute; until every path has ended if left out.
         seed: Seed of the truth and of measurement noise; the scenario's if left out.
@@ -326,7 +330,7 @@ class Scenario(Table, frozen=True):
         team: Multi-robot factors and agreement.
         prior: Where the belief at planning time comes from.
         objective: What the team minimises.
-        simulation: The closed loop.
+        simulation: The closed loop; checked, not run by ``fgplan run``.
     """
 
     schema: Literal[1]

@@ -16,11 +16,12 @@ import msgspec
 from fgplan.errors import MissingExtraError, ScenarioError
 from fgplan.io.place import Place
 from fgplan.io.scenario import Scenario
+from fgplan.io.table_fields import STEP, table_fields
 
 TableT = TypeVar("TableT")
 
 _PLACE = re.compile(r"^(?P<what>.*?)(?: - at `(?P<place>\$[^`]*)`)?$", re.DOTALL)
-_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
+_FIELD = re.compile(r"^Object (missing required|contains unknown) field `([^`]*)`$")
 
 
 def read_scenario(path: str | Path) -> Scenario:
@@ -65,11 +66,11 @@ def convert_table(raw: Any, kind: type[TableT], place: Place) -> TableT:  # noqa
     Raises:
         ScenarioError: If a field is unknown, missing, of another type or not finite.
     """
-    _check_finite(raw, place.file, place.field)
+    _check_finite(raw, raw, place)
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{place.file}: {_explain(str(error), raw, place)}") from error
+        raise ScenarioError(f"{place.file}: {_explain(str(error), raw, kind, place)}") from error
 
 
 def _parse(path: Path) -> Any:  # noqa: ANN401 - checked by the caller
@@ -86,7 +87,7 @@ def _parse(path: Path) -> Any:  # noqa: ANN401 - checked by the caller
         try:
             return tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise ScenarioError(f"{path}: expected TOML: {error}") from error
+            raise ScenarioError(f"{path}: expected TOML: {error}{_line(text, error)}") from error
     try:
         import yaml
     except ImportError as error:
@@ -99,30 +100,44 @@ def _parse(path: Path) -> Any:  # noqa: ANN401 - checked by the caller
         raise ScenarioError(f"{path}: expected YAML: {' '.join(str(error).split())}") from error
 
 
-def _check_finite(raw: Any, file: Path, place: str) -> None:  # noqa: ANN401
+def _line(text: str, error: tomllib.TOMLDecodeError) -> str:
+    """The line that a syntax error names, as it stands in the file."""
+    number = re.search(r"at line (\d+)", str(error))
+    return f", got {_shown(text.splitlines()[int(number[1]) - 1])}" if number else ""
+
+
+def _check_finite(value: Any, raw: Any, place: Place, inner: str = "$") -> None:  # noqa: ANN401
     """Refuse nan and inf anywhere."""
-    if isinstance(raw, float) and not math.isfinite(raw):
-        raise ScenarioError(
-            f"{file}: expected a finite number, got {raw} - at `{place}`; leave a field out where "
-            "there is no limit"
-        )
-    if isinstance(raw, dict):
-        for name, value in raw.items():
-            _check_finite(value, file, f"{place}.{name}")
-    elif isinstance(raw, list):
-        for index, value in enumerate(raw):
-            _check_finite(value, file, f"{place}[{index}]")
+    if isinstance(value, float) and not math.isfinite(value):
+        remedy = "write a number" if math.isnan(value) else "leave it out where there is no limit"
+        raise Place(
+            place.file, f"{place.field}{inner[1:]}", place.owner or _owner(raw, inner)
+        ).error(f"expected a finite number, got {value}; {remedy}")
+    if isinstance(value, dict):
+        for name, item in value.items():
+            _check_finite(item, raw, place, f"{inner}.{name}")
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _check_finite(item, raw, place, f"{inner}[{index}]")
 
 
-def _explain(message: str, raw: Any, within: Place) -> str:  # noqa: ANN401
-    """Say what came and, for a robot, which; YAML's traps get their own words."""
+def _explain(message: str, raw: Any, kind: type, within: Place) -> str:  # noqa: ANN401
+    """Say what came, the remedy and, for a robot, which; YAML's traps get their own words."""
     parts = _PLACE.match(message)
     what, place = (parts["what"], parts["place"] or "$") if parts else (message, "$")
     what = what.replace(" | null", "")  # optional fields; TOML has no null
     value, found = _look_up(raw, place)
     came = ""
-    if found and ", got" not in what and "object contains" not in what.lower():
+    field = _FIELD.match(what)
+    if field is not None and field[1] == "missing required":
+        given = ", ".join(map(str, value)) if isinstance(value, dict) and value else "nothing"
+        came = f"; it has {given}"
+    elif field is not None:
+        came = f"; expected one of {', '.join(table_fields(kind, raw, place))}"
+    elif found and ", got" not in what:
         came = f", got {_shown(value)}"
+        if "> 0.0" in what and "sigma" in place and value == 0:
+            came += "; what is known exactly needs a small positive sigma, such as 1e-6"
     elif found and "got `str`" in what and isinstance(value, str):
         came = f" {value!r}"
         if re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", value):
@@ -135,7 +150,7 @@ def _explain(message: str, raw: Any, within: Place) -> str:  # noqa: ANN401
 def _look_up(raw: Any, place: str) -> tuple[Any, bool]:  # noqa: ANN401
     """Value at a place such as ``$.robots[3].goal``."""
     value = raw
-    for name, index in _STEP.findall(place):
+    for name, index in STEP.findall(place):
         try:
             value = value[name] if name else value[int(index)]
         except (LookupError, TypeError):
@@ -183,7 +198,8 @@ def _check_names(scenario: Scenario, place: Place) -> None:
         for index, name in enumerate(names):
             if name in names[:index]:
                 raise place.at(f"{table}[{index}].name").error(
-                    f"expected unique names, got {name!r}, which {table}[{names.index(name)}] has"
+                    f"expected unique names, got {name!r}, which {table}[{names.index(name)}] has; "
+                    "rename one of them"
                 )
     for index, robot in enumerate(scenario.robots):
         for sensor in robot.sensors:

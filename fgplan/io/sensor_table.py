@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fgplan.checks import check_covariance
 from fgplan.io.place import Place
 from fgplan.io.scenario import (
     Matrix,
@@ -191,46 +192,54 @@ def _make_team_sensor(
     if kind != "relative_pose":
         return make_sensor(given, place)
     noise = convert_table(parameters, RelativePoseTable, place)
-    covariance = make_covariance(noise.sigmas, noise.covariance, "sigmas", "covariance", place)
+    covariance = make_covariance(
+        (noise.sigmas, noise.covariance), ("sigmas", "covariance"), (3, 6), place
+    )
     with place.checking():
         return RelativePoseSensor(covariance=covariance)
 
 
 def make_covariance(
-    sigmas: tuple[float, ...] | None,
-    covariance: tuple[tuple[float, ...], ...] | None,
-    sigmas_field: str,
-    covariance_field: str,
+    given: tuple[tuple[float, ...] | None, tuple[tuple[float, ...], ...] | None],
+    names: tuple[str, str],
+    sizes: tuple[int, ...],
     place: Place,
 ) -> Covariance:
     """Covariance from standard deviations or from a whole matrix; exactly one of them is given.
 
     Args:
-        sigmas: Standard deviations, length n, or None.
-        covariance: Rows of the matrix, (n, n), or None.
-        sigmas_field: Name of the first field, for messages.
-        covariance_field: Name of the second.
+        given: Standard deviations, length n, and rows of the matrix, (n, n); one of them None.
+        names: Names of the two fields, for messages.
+        sizes: What n may be.
         place: The table that holds both.
 
     Returns:
-        Shape (n, n); not yet checked for being positive definite.
+        Shape (n, n), symmetric and positive definite.
 
     Raises:
-        ScenarioError: If both or neither are given, or the rows differ in length.
+        ScenarioError: If both or neither are given, a size is wrong, or it is no covariance.
     """
-    if (sigmas is None) == (covariance is None):
+    sigmas, rows = given
+    if (sigmas is None) == (rows is None):
         came = "neither" if sigmas is None else "both"
-        raise place.error(
-            f"expected {sigmas_field} or {covariance_field}, one of the two, got {came}"
-        )
+        raise place.error(f"expected {names[0]} or {names[1]}, one of the two, got {came}")
+    wanted = " or ".join(str(size) for size in sizes)
     if sigmas is not None:
-        return np.diag(np.square(np.array(sigmas)))
-    rows = covariance or ()
-    if any(len(row) != len(rows) for row in rows):
-        raise place.at(covariance_field).error(
-            f"expected a square matrix, got rows of {', '.join(str(len(row)) for row in rows)}"
-        )
-    return np.array(rows, dtype=np.float64)
+        where = place.at(names[0])
+        if len(sigmas) not in sizes:
+            raise where.error(f"expected {wanted} numbers, got {len(sigmas)}")
+        matrix = np.diag(np.square(np.array(sigmas)))
+    else:
+        where = place.at(names[1])
+        lengths = [len(row) for row in rows or ()]
+        if len(lengths) not in sizes or any(length != len(lengths) for length in lengths):
+            raise where.error(
+                f"expected a square matrix of {wanted} rows, got rows of "
+                f"{', '.join(str(length) for length in lengths)} numbers"
+            )
+        matrix = np.array(rows, dtype=np.float64)
+    with where.checking():
+        return check_covariance(matrix, "covariance")
 
 
 def _kind(table: Mapping[str, Any], place: Place) -> tuple[str, dict[str, Any]]:

@@ -153,7 +153,7 @@ def test_ros_map_gives_the_bounds(load, tmp_path):
         (tmp_path / name).write_bytes((MAPS / name).read_bytes())
     cut = TEXT.index("bounds"), TEXT.index("robot_radius_m = 0.5")
     text = TEXT[: cut[0]] + 'map = "depot.yaml"\nunknown = "free"\n' + TEXT[cut[1] :]
-    with pytest.raises(ScenarioError, match=r"free space.*robots\[0\]\.goal.*robot 'ann'"):
+    with pytest.raises(ScenarioError, match=r"within the bounds.*robots\[0\]\.goal.*robot 'ann'"):
         load(text)  # the depot is 30 m by 15 m, the goal 55 m away
 
 
