@@ -67,7 +67,8 @@ def _execute_work(
     def record(results: Mapping[str, Any]) -> None:
         _write(files, ResultFile(command=command, results=results, complete=False))
 
-    record({})
+    if arguments.verb != "run":  # run checks its scenario first: bad input changes no run folder
+        record({})
     options = CommandOptions(
         name=name,
         out=folder,

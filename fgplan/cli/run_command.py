@@ -1,18 +1,26 @@
 """``fgplan run SCENARIO``: read, plan, write the run folder, say what each robot chose."""
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from fgplan.cli.run_figures import draw_run_figures
 from fgplan.cli.run_recording import record_run
-from fgplan.errors import MissingExtraError
+from fgplan.errors import (
+    FgplanError,
+    MissingExtraError,
+    NoCandidatePathError,
+    OptionError,
+    ScenarioError,
+)
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.mission_file import make_mission
 from fgplan.io.place import Place
 from fgplan.io.result_file import Requirement, require_true
-from fgplan.io.run_folder import copy_scenario, write_record
+from fgplan.io.run_folder import begin_run, write_record
 from fgplan.io.scenario import Scenario
 from fgplan.io.scenario_file import read_scenario
 from fgplan.io.user_object import is_object_name, load_object
@@ -21,6 +29,7 @@ from fgplan.planners.plan import Plan, RobotPlan
 from fgplan.planners.planner import AbstractPlanner
 from fgplan.planners.registry import find_planner
 from fgplan.viz.ellipse import world_position_covariances
+from roadmaps import RoadmapError
 
 QUICK_CANDIDATES = 8
 """Candidate paths a robot with ``--quick``, at most."""
@@ -44,23 +53,26 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
     scenario = read_scenario(path)
     planner = _find_planner(scenario, Place(path))
     mission = make_mission(scenario, path)
-    if options.quick and "candidates" in mission.options:
-        fewer = min(QUICK_CANDIDATES, mission.options["candidates"])
-        mission = dataclasses.replace(mission, options={**mission.options, "candidates": fewer})
+    asked = mission.options.get("candidates")
+    if options.quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
+        fewer = {**mission.options, "candidates": QUICK_CANDIDATES}
+        mission = dataclasses.replace(mission, options=fewer)
+    options.record({})
     if options.out is not None:
-        copy_scenario(path, options.out)
+        begin_run(path, options.out)
     seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
     plans: list[Plan] = []
     for seed in seeds:
         seeded = dataclasses.replace(mission, seed=seed)
-        plans.append(planner.plan(seeded, np.random.default_rng(seed), options.progress))
+        with _planning(Place(path), scenario.planner_name):
+            plans.append(planner.plan(seeded, np.random.default_rng(seed), options.progress))
         options.record({"plans": [plan.to_data() for plan in plans]})
     figures, note = _draw(mission, plans[0], options.out)
     return CommandOutcome(
         results={"plans": [plan.to_data() for plan in plans]},
         requirements=_requirements(plans),
         seeds=seeds,
-        summary=(*summary_lines(plans[0]), *_over_seeds(plans), *note),
+        summary=(*summary_lines(plans[0]), *_over_seeds(plans), *_not_simulated(mission), *note),
         figures=figures,
     )
 
@@ -129,6 +141,28 @@ def _find_planner(scenario: Scenario, place: Place) -> AbstractPlanner:
         load_object(scenario.planner_name, where)
     with where.checking():
         return find_planner(scenario.planner_name)
+
+
+@contextmanager
+def _planning(place: Place, planner: str) -> Iterator[None]:
+    """Name the scenario in whatever a planner refuses."""
+    try:
+        yield
+    except NoCandidatePathError as error:
+        raise NoCandidatePathError(f"{place.file}: {error}") from error
+    except OptionError as error:
+        raise place.at(f"planner.{planner}").error(str(error)) from error
+    except MissingExtraError:
+        raise
+    except (FgplanError, RoadmapError) as error:
+        raise ScenarioError(f"{place.file}: {error}") from error
+
+
+def _not_simulated(mission: Mission) -> list[str]:
+    """That a plan is not executed, where the scenario asks for a simulation."""
+    if mission.simulation is None:
+        return []
+    return ["note: [simulation] was checked but not run: fgplan run plans, it does not execute"]
 
 
 def _draw(

@@ -37,6 +37,7 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
         The record.
     """
     candidates = draw_candidates(mission, plan)
+    known = [item for item in plan.objective if np.isfinite(item.value)]
     return RunRecord(
         name=mission.name,
         workspace=record_workspace(mission.workspace),
@@ -50,8 +51,8 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
         },
         joined=joined_states(mission, plan.paths),
         landmarks=_landmarks(mission),
-        values=tuple(item.value for item in plan.objective),
-        announced_by=tuple(item.robot or "all" for item in plan.objective),
+        values=tuple(item.value for item in known),
+        announced_by=tuple(item.robot or "all" for item in known),
         impacts=_impacts(mission, candidates, plan.details.get("turns", ())),
     )
 

@@ -86,7 +86,8 @@ def test_workspace_with_a_grid_reads_back(tmp_path):
 
 
 def test_unreachable_goal_ends_with_one_and_names_the_robot(tmp_path, capsys):
-    wall = "obstacles = [\n  [[50.0, -1.0], [51.0, -1.0], [51.0, 41.0], [50.0, 41.0]],"
+    wall = "obstacles = [\n  [[50.0, 20.0], [51.0, 20.0], [51.0, 41.0], [50.0, 41.0]],"
+    wall += "\n  [[50.0, 20.0], [60.0, 20.0], [60.0, 21.0], [50.0, 21.0]],"
     text = EXAMPLE.read_text().replace("obstacles = [", wall)
     (tmp_path / "walled.toml").write_text(text)
     words = ["run", str(tmp_path / "walled.toml"), "--out", str(tmp_path), "--quick"]
