@@ -31,7 +31,12 @@ BENCHES: dict[str, RegisteredCommand] = {
     ),
 }
 
-REPRODUCTIONS: dict[str, RegisteredCommand] = {}
+REPRODUCTIONS: dict[str, RegisteredCommand] = {
+    "regev-fig6": RegisteredCommand(
+        "fgplan.reproduce.regev_fig6.command:run",
+        "running times and figures 5, 6 and 7 of Regev and Indelman 2017",
+    ),
+}
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {
     "demo": DEMOS,
