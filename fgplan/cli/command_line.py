@@ -35,9 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] in (["bench"], ["reproduce"], ["demo"]):
-        # times are compared on one BLAS thread; read once, when numpy is first imported
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # one BLAS thread, see fgplan/threads.py; read once, when numpy is first imported
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     parser = build_parser(words)
     options = parser.parse_args(words)
     if options.verb is None:

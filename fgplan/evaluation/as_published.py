@@ -67,6 +67,7 @@ from fgplan.evaluation.vertex_factors import (
 from fgplan.factors.path_factors import pose_key
 from fgplan.models.uncertainty import uncertainty_function
 from fgplan.paths.candidate_path import CandidatePath
+from fgplan.threads import one_blas_thread
 from fgplan.typing import FloatArray
 
 
@@ -122,6 +123,7 @@ class AsPublished:
             )
         check_measure(self.measure)
 
+    @one_blas_thread()
     def start(
         self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
     ) -> AsPublishedState:
@@ -147,6 +149,7 @@ class AsPublished:
             ),
         )
 
+    @one_blas_thread()
     def evaluate(
         self, state: AsPublishedState, announced: Mapping[str, CandidatePath]
     ) -> tuple[AsPublishedState, Evaluations]:

@@ -42,6 +42,7 @@ from fgplan.evaluation.term_values import (
 )
 from fgplan.factors.path_factors import pose_key
 from fgplan.paths.candidate_path import CandidatePath
+from fgplan.threads import one_blas_thread
 from fgplan.typing import Covariance, Key
 
 
@@ -86,6 +87,7 @@ class FromScratch:
         """Check the elimination."""
         check_elimination(self.elimination)
 
+    @one_blas_thread()
     def start(
         self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
     ) -> FromScratchState:
@@ -112,6 +114,7 @@ class FromScratch:
             priors=prior_covariances(problem),
         )
 
+    @one_blas_thread()
     def evaluate(
         self, state: FromScratchState, announced: Mapping[str, CandidatePath]
     ) -> tuple[FromScratchState, Evaluations]:

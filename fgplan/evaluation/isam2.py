@@ -29,6 +29,7 @@ from fgplan.evaluation.from_scratch import (
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.factors.factor_set import FactorSet
 from fgplan.paths.candidate_path import CandidatePath
+from fgplan.threads import one_blas_thread
 from fgplan.typing import Covariance, Key
 
 
@@ -55,6 +56,7 @@ class Isam2:
 
     name: str = "isam2"
 
+    @one_blas_thread()
     def start(
         self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
     ) -> Isam2State:
@@ -66,6 +68,7 @@ class Isam2:
         """
         return Isam2State(parts=FromScratch().start(problem, robot, candidates))
 
+    @one_blas_thread()
     def evaluate(
         self, state: Isam2State, announced: Mapping[str, CandidatePath]
     ) -> tuple[Isam2State, Evaluations]:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from fgplan.evaluation.incremental.memory import Memory
-from fgplan.evaluation.incremental.messages import MessagePool, build, solve
+from fgplan.evaluation.incremental.message_pool import MessagePool
+from fgplan.evaluation.incremental.messages import build, solve
 from fgplan.evaluation.incremental.turn import Turn, reads_only_the_end
 from fgplan.evaluation.incremental.whitened_rows import posterior_by_qr
 from fgplan.evaluation.objective import UncertaintyTerm

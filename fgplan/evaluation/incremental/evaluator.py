@@ -48,6 +48,7 @@ from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.evaluation.term_values import prior_covariances
 from fgplan.paths.candidate_path import CandidatePath
+from fgplan.threads import one_blas_thread
 from fgplan.typing import BoolArray, FloatArray
 
 FIRST_CAPACITY = 64
@@ -86,6 +87,7 @@ class Incremental:
     message_bytes: int = 32_000_000
     name: str = "incremental"
 
+    @one_blas_thread()
     def start(
         self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
     ) -> Memory:
@@ -135,6 +137,7 @@ class Incremental:
             moving=no_blocks(len(table.poses), problem.dim),
         )
 
+    @one_blas_thread()
     def add_candidates(self, memory: Memory, candidates: Sequence[CandidatePath]) -> Memory:
         """Append candidates; the announcements stay known, values are computed at the next call.
 
@@ -154,6 +157,7 @@ class Incremental:
             terms[: len(memory.terms)] = memory.terms
         return replace(turn.memory, terms=terms)
 
+    @one_blas_thread()
     def evaluate(
         self, memory: Memory, announced: Mapping[str, CandidatePath]
     ) -> tuple[Memory, Evaluations]:
@@ -180,6 +184,7 @@ class Incremental:
         values = weigh(memory.problem, terms)
         return after, Evaluations(robot=memory.robot, values=values, terms=terms, report=report)
 
+    @one_blas_thread()
     def choose(
         self,
         memory: Memory,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
-from fgplan.evaluation.incremental.messages import MessagePool
+from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.universe import InformationBlocks

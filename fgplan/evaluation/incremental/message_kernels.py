@@ -33,7 +33,7 @@ from numba import njit
 from fgplan.evaluation.incremental.candidate_table import MotionBlocks
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky_skyline, inverse_skyline
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
-from fgplan.evaluation.incremental.messages import MessagePool
+from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.typing import FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-13

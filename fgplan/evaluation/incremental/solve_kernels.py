@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky
-from fgplan.evaluation.incremental.messages import MessagePool
+from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.typing import FloatArray, IntArray
 
 LOSS_LIMIT = 1e5
