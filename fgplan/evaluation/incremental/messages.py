@@ -37,7 +37,8 @@ def build(
     Returns:
         The messages.
     """
-    from fgplan.evaluation.incremental.message_kernels import build_messages, count_interface
+    from fgplan.evaluation.incremental.interface_kernels import count_interface
+    from fgplan.evaluation.incremental.message_kernels import build_messages
 
     dim = table.motion.late.shape[2]
     counts = count_interface(candidates, lengths, table.states, fixed, moving, universe.column)
