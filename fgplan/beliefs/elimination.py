@@ -144,6 +144,8 @@ def eliminate(
     parent, separator_start, separators = find_separators(
         row_start, entry_start, entry_place, len(order)
     )
+    owner = np.repeat(np.arange(len(order)), np.diff(separator_start))
+    separators = separators[np.lexsort((separators, owner))]
     while True:
         value_start, values, deficient = eliminate_rows(
             dims,

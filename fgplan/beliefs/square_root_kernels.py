@@ -15,7 +15,7 @@ from fgplan.typing import FloatArray, IntArray
 def find_separators(
     row_start: IntArray, entry_start: IntArray, entry_position: IntArray, count: int
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Symbolic elimination: parent, start and positions of every separator, ascending.
+    """Symbolic elimination: parent, start and positions of every separator, in no order.
 
     Rows ``row_start[p]:row_start[p + 1]`` are those whose first variable is p; row r touches the
     positions ``entry_position[entry_start[r]:entry_start[r + 1]]``.
@@ -29,6 +29,7 @@ def find_separators(
     size = 0
     for position in range(count):
         begin = size
+        above = count
         mark[position] = position
         if size + count > found.size:
             grown = np.empty(2 * found.size + count, np.int64)
@@ -40,6 +41,7 @@ def find_separators(
                 mark[other] = position
                 found[size] = other
                 size += 1
+                above = min(above, other)
         child = first_child[position]
         while child >= 0:
             for place in range(start[child], start[child + 1]):
@@ -48,11 +50,10 @@ def find_separators(
                     mark[other] = position
                     found[size] = other
                     size += 1
+                    above = min(above, other)
             child = next_sibling[child]
-        found[begin:size] = np.sort(found[begin:size])
         start[position + 1] = size
         if size > begin:
-            above = found[begin]
             parent[position] = above
             next_sibling[position] = first_child[above]
             first_child[above] = position
