@@ -20,7 +20,7 @@ from fgplan.io.run_record import RunRecord
 
 RECORD = "record.json"
 
-FIGURES = ("candidate_paths", "chosen_paths", "objective", "impacted_paths_*")
+FIGURES = ("candidate_paths", "chosen_paths", "objective", "impacted_paths_[0-9]*")
 """Names of the figures that a run draws, as patterns."""
 
 
