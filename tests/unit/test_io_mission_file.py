@@ -21,6 +21,7 @@ from fgplan.io.mission_file import load_mission
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.multi_robot import DistanceCriterion
+from fgplan.planners.mission import MissionSimulation
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "scenarios" / "two_robots.toml"
@@ -582,3 +583,11 @@ def test_team_settings_become_options_of_the_planner(load):
     twice = edited(("[[team.multi_robot]]", team), ("candidates = 10", 'order = "fixed"'))
     with pytest.raises(ScenarioError, match=r"order once.*\$\.team\.order"):
         load(twice)
+
+
+def test_simulation_is_handed_on_for_a_closed_loop(load):
+    assert load(TEXT).simulation is None
+    asked = load(TEXT + "\n[simulation]\nsteps = 5\nseed = 3\nruns = 2\noptions.rate = 0.5\n")
+    assert asked.simulation == MissionSimulation(steps=5, seed=3, runs=2, options={"rate": 0.5})
+    with pytest.raises(ScenarioError, match=r">= 1, got 0 - at `\$\.simulation\.steps`"):
+        load(TEXT + "\n[simulation]\nsteps = 0\n")
