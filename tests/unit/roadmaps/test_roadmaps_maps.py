@@ -76,7 +76,11 @@ def test_vendored_ros_maps(maps, parser, name, shape, occupied, unknown):
     ("old", "new", "words"),
     [
         ("image: m.pgm\n", "", "field 'image': expected the name of a PGM"),
-        ("m.pgm", "none.pgm", "field 'image': expected a PGM file relative to this one, got 'none.pgm'"),
+        (
+            "m.pgm",
+            "none.pgm",
+            "field 'image': expected a PGM file relative to this one, got 'none.pgm'",
+        ),
         ("resolution: 0.5\n", "", "field 'resolution': expected a finite number, got nothing"),
         ("0.5", "fast", "field 'resolution': .* got 'fast'"),
         ("0.5", "-0.5", "field 'resolution': expected metres a pixel greater than 0"),
