@@ -14,7 +14,6 @@ import numpy as np
 
 from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.evaluation.evaluations import (
-    TIE_TOLERANCE,
     Evaluations,
     ReevaluationReport,
     select,
@@ -56,6 +55,10 @@ FIRST_CAPACITY = 64
 
 FIRST_BATCH = 3
 """Candidates evaluated exactly before the bound is used; later batches are twice as large."""
+
+BOUND_MARGIN = 1e-7
+"""Relative distance by which a bound must exceed the best value: ties, and digits that the bound
+loses where a loose prior meets a tight factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,7 +243,7 @@ class Incremental:
             values[batch] = weigh(problem, terms[batch])
             known[batch] = True
             best = float(values.min())
-            limit = best + 2.0 * TIE_TOLERANCE * abs(best)
+            limit = best + BOUND_MARGIN * abs(best)
             open_ = [c for c in queue.tolist() if not known[c] and bounds[c] <= limit]
             batch = np.array(sorted(open_[:size]), np.int64)
             size *= 2
