@@ -20,7 +20,12 @@ class RegisteredCommand:
     summary: str
 
 
-DEMOS: dict[str, RegisteredCommand] = {}
+DEMOS: dict[str, RegisteredCommand] = {
+    "victoria-park": RegisteredCommand(
+        "fgplan.demos.victoria_park:victoria_park",
+        "four robots plan over the real Victoria Park log that is inside the GTSAM wheel",
+    ),
+}
 
 BENCHES: dict[str, RegisteredCommand] = {
     "impacted": RegisteredCommand(
