@@ -8,7 +8,12 @@ from fgplan.io.command import CommandOptions
 from fgplan.io.result_file import require_at_least
 from fgplan.reproduce.regev_fig6.announcement_change import changes_of, find_change
 from fgplan.reproduce.regev_fig6.command import QUICK_COUNTS, _requirements, run
-from fgplan.reproduce.regev_fig6.running_times import EVALUATORS, PUBLISHED
+from fgplan.reproduce.regev_fig6.running_times import (
+    EVALUATORS,
+    PUBLISHED,
+    SessionTimes,
+    session_results,
+)
 from fgplan.reproduce.regev_fig6.scenario import draw_scenario
 
 FIGURES = {
@@ -141,3 +146,30 @@ def test_figure_7_shows_impacted_and_untouched_under_the_papers_criterion():
     for index, path in enumerate(paths):
         meets = any(pose.tobytes() in touched for pose in path.poses[1:])
         assert meets == (index in change.impacted)
+
+
+def test_session_that_never_agrees_is_given_up_and_counted(monkeypatch):
+    # One turn is not enough for anybody: every session is given up.
+    monkeypatch.setattr("fgplan.reproduce.regev_fig6.running_times.MOST_TURNS", 1)
+    times = SessionTimes(2, 3)
+    times.time_set(draw_scenario(2), 0)
+    assert times.endless == {name: [0] for name in EVALUATORS}
+    monkeypatch.undo()
+    times.time_set(draw_scenario(2), 1)
+    found = session_results(times)
+    assert not found["same_choices"]
+    for seconds in found["seconds"].values():
+        assert (seconds["sets"], seconds["sets_without_agreement"]) == (1, 1)
+
+
+def test_results_of_an_evaluator_that_never_agreed():
+    times = SessionTimes(2, 3)
+    times.time_set(draw_scenario(2), 0)
+    times.endless["as_published"] = list(times.seconds["as_published"])
+    times.seconds["as_published"].clear()
+    times.agreements["as_published"].clear()
+    found = session_results(times)
+    assert found["same_choices"]
+    assert found["same_choices_as_published_share"] == 0.0
+    assert found["ratio_vs_from_scratch"]["as_published"] is None
+    assert found["seconds"]["as_published"]["median"] is None

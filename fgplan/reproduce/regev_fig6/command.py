@@ -15,6 +15,7 @@ from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_least, require_at_most, require_true
 from fgplan.reproduce.regev_fig6.announcement_change import AnnouncementChange, find_change
 from fgplan.reproduce.regev_fig6.running_times import (
+    MOST_TURNS,
     PUBLISHED,
     SessionTimes,
     session_results,
@@ -95,7 +96,8 @@ def _results(times: Sequence[SessionTimes], change: AnnouncementChange | None) -
         "notes": [
             "published seconds are of a prototype in Matlab and GTSAM on another machine, with a "
             "roadmap and noise that are not printed: compare ratios, not seconds",
-            "seconds.sets says on how many candidate sets an evaluator was timed",
+            "seconds.sets says on how many candidate sets an evaluator was timed; those on which "
+            f"it had not agreed after {MOST_TURNS} turns are counted apart and not timed",
             "as_published is our implementation of Algorithms 1-3 on sparse matrices in Python; as "
             "published it knows a factor by its announced vertex alone, so a vertex that the old "
             "and the new path reach by other edges, with other headings, counts as unchanged: its "
@@ -152,7 +154,8 @@ def _summary(results: Mapping[str, Any]) -> tuple[str, ...]:
         for name in names:
             ratio = case["ratio_vs_from_scratch"].get(name)
             times = "" if ratio is None else f" ({ratio:.1f})"
-            line += f"{case['seconds'][name]['median']:.4f}{times}".rjust(22)
+            median = case["seconds"][name]["median"]
+            line += ("no agreement" if median is None else f"{median:.4f}{times}").rjust(22)
         lines.append(line)
     for item in results["published"]:
         told = ", ".join(f"{name} {value:g} s" for name, value in item["seconds"].items())

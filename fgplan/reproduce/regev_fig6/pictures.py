@@ -94,6 +94,7 @@ def draw_running_times(times: Sequence[SessionTimes], counts: Sequence[int], fol
         panels[f"{robots} robots"] = {
             name: [list(by_count[count][name].values())[: shown[name]] for count in counts]
             for name in names
+            if shown[name] > 0
         }
     figure = running_time_figure(
         counts,

@@ -5,21 +5,29 @@ the same sets, one after the other, in an order that rotates; one set of every s
 before the next set of any, so that a change in the machine's load falls on all.
 """
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from fgplan.bench.session import CONTESTANTS, plan_session
+from fgplan.bench.open_world import OpenWorld
+from fgplan.bench.session import CONTESTANTS
 from fgplan.reproduce.regev_fig6.scenario import Scenario
 from fgplan.team.agreement import Agreement
+from fgplan.team.coordination import coordinate
+from fgplan.team.options import CoordinationOptions
 
 EVALUATORS = ("from_scratch", "as_published", "incremental", "incremental_choose")
 EXACT = ("from_scratch", "incremental", "incremental_choose")
 
-SLOW_SETS = {("as_published", 4, 25): 20, ("as_published", 4, 50): 20}
+SLOW_SETS = {("as_published", 4, 25): 10, ("as_published", 4, 50): 10}
 """Sets that a slow evaluator plans at most, by evaluator, robots and candidates: for time only."""
+
+MOST_TURNS = 60
+"""Turns after which a session is given up; exact evaluators need some twenty at most. With values
+that are not exact the objective may rise and the same announcements come round for ever."""
 
 PUBLISHED = {
     (2, 50): {"Standard approach": 85.0, "proposed approach": 35.0},
@@ -34,14 +42,16 @@ class SessionTimes:
     Attributes:
         robots: Robots.
         candidates: Candidates a robot.
-        seconds: Seconds by evaluator, then by number of the set.
+        seconds: Seconds by evaluator, then by number of the set; of sessions that agreed.
         agreements: What was agreed, likewise.
+        endless: By evaluator, numbers of the sets on which its session was given up.
     """
 
     robots: int
     candidates: int
-    seconds: dict[str, dict[int, float]] = field(default_factory=dict)
-    agreements: dict[str, dict[int, Agreement]] = field(default_factory=dict)
+    seconds: dict[str, dict[int, float]] = field(default_factory=lambda: _by_evaluator(dict))
+    agreements: dict[str, dict[int, Agreement]] = field(default_factory=lambda: _by_evaluator(dict))
+    endless: dict[str, list[int]] = field(default_factory=lambda: _by_evaluator(list))
 
     def time_set(self, scenario: Scenario, number: int) -> None:
         """Plan one set by every evaluator whose turn it is."""
@@ -51,20 +61,28 @@ class SessionTimes:
             limit = SLOW_SETS.get((name, self.robots, self.candidates))
             if limit is not None and number >= limit:
                 continue
-            seconds, agreement = plan_session(world, CONTESTANTS[name], scenario.digest)
-            self.seconds.setdefault(name, {})[number] = seconds
-            self.agreements.setdefault(name, {})[number] = agreement
+            seconds, agreement = plan(world, name, scenario.digest)
+            if agreement.agreed:
+                self.seconds[name][number] = seconds
+                self.agreements[name][number] = agreement
+            else:
+                self.endless[name].append(number)
 
-    def same_choices(self, name: str) -> float:
-        """Share of the sets on which an evaluator agreed on the same paths as from scratch."""
+    def same_choices(self, name: str) -> float | None:
+        """Share of the sets on which an evaluator agreed on the same paths as from scratch.
+
+        A set on which it did not agree counts as another choice; None if it planned none.
+        """
         ours, theirs = self.agreements[name], self.agreements["from_scratch"]
-        shared = [number for number in ours if number in theirs]
-        return float(np.mean([ours[n].chosen == theirs[n].chosen for n in shared]))
+        same = [n in theirs and ours[n].chosen == theirs[n].chosen for n in ours]
+        same += [False] * len(self.endless[name])
+        return float(np.mean(same)) if same else None
 
-    def ratio(self, name: str) -> float:
-        """How many times faster than from scratch: median of the ratios by set."""
+    def ratio(self, name: str) -> float | None:
+        """How many times faster than from scratch: median of the ratios by set, None if none."""
         ours, theirs = self.seconds[name], self.seconds["from_scratch"]
-        return float(np.median([theirs[n] / ours[n] for n in ours if n in theirs]))
+        ratios = [theirs[n] / ours[n] for n in ours if n in theirs]
+        return float(np.median(ratios)) if ratios else None
 
 
 def time_sessions(
@@ -93,31 +111,43 @@ def time_sessions(
     return found
 
 
+def plan(world: OpenWorld, name: str, digest: str) -> tuple[float, Agreement]:
+    """Let the team of a world agree.
+
+    Args:
+        world: The world with its candidates.
+        name: Evaluator, one of ``EVALUATORS``.
+        digest: Digest of the prior.
+
+    Returns:
+        Seconds from the first evaluation to the end, and what was agreed, if it was.
+    """
+    contestant = CONTESTANTS[name]
+    options = CoordinationOptions(
+        choose=contestant.choose, check_values=contestant.exact, max_turns=MOST_TURNS
+    )
+    began = time.perf_counter()
+    agreement = coordinate(
+        world.problem, world.candidates, contestant.evaluator, options=options, prior_digest=digest
+    )
+    return time.perf_counter() - began, agreement
+
+
 def warm_up(scenarios: Mapping[int, Scenario]) -> None:
     """Plan one small set of each scenario by every evaluator: kernels are compiled and loaded."""
     for scenario in scenarios.values():
         world = scenario.with_candidates(3, 0)
         for name in EVALUATORS:
-            plan_session(world, CONTESTANTS[name], scenario.digest)
+            plan(world, name, scenario.digest)
 
 
 def session_results(times: SessionTimes) -> dict[str, Any]:
     """What came out for one team size and number of candidates."""
-    seconds = {}
-    for name, by_set in times.seconds.items():
-        low, middle, high = np.percentile(list(by_set.values()), [25, 50, 75]).tolist()
-        seconds[name] = {
-            "median": middle,
-            "quartiles": [low, high],
-            "least": min(by_set.values()),
-            "most": max(by_set.values()),
-            "sets": len(by_set),
-        }
     exact = times.agreements["incremental"]
     return {
         "robots": times.robots,
         "candidates": times.candidates,
-        "seconds": {name: seconds[name] for name in EVALUATORS},
+        "seconds": {name: _second_results(times, name) for name in EVALUATORS},
         "ratio_vs_from_scratch": {
             name: times.ratio(name) for name in EVALUATORS if name != "from_scratch"
         },
@@ -128,6 +158,25 @@ def session_results(times: SessionTimes) -> dict[str, Any]:
         "impacted_share": _impacted_share(list(exact.values())),
         "published_seconds": PUBLISHED.get((times.robots, times.candidates), {}),
     }
+
+
+def _second_results(times: SessionTimes, name: str) -> dict[str, Any]:
+    """Median and spread of one evaluator's seconds; without them where it never agreed."""
+    counts = {
+        "sets": len(times.seconds[name]),
+        "sets_without_agreement": len(times.endless[name]),
+    }
+    found = list(times.seconds[name].values())
+    if not found:
+        return {"median": None, **counts}
+    low, middle, high = np.percentile(found, [25, 50, 75]).tolist()
+    spread = {"quartiles": [low, high], "least": min(found), "most": max(found)}
+    return {"median": middle, **spread, **counts}
+
+
+def _by_evaluator(kind: Callable[[], Any]) -> dict[str, Any]:
+    """Something empty for every evaluator."""
+    return {name: kind() for name in EVALUATORS}
 
 
 def _largest_difference(times: SessionTimes) -> float:
