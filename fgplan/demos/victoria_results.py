@@ -170,7 +170,7 @@ def _round_line(account: Mapping[str, Any]) -> str:
     """One round in words."""
     announced = ", ".join(account["announced"]) or "nobody"
     return (
-        f"  round {account['round']}: {account['robots_evaluated']} robots evaluated "
+        f"  round {account['round']}: {account['robots_evaluated']} of the robots evaluated "
         f"{account['candidates']} candidates: {account['impacted']} impacted, "
         f"{account['untouched']} untouched; {account['solved']} solved, {account['skipped']} "
         f"skipped by bounds; factors: {account['factors_added']} added, "
@@ -203,12 +203,12 @@ def time_lines(times: Sequence[EvaluatorTimes]) -> list[str]:
             if item is not ours:
                 part += f", {item.difference(ours, session):.0e}"
             if item.fallbacks[session]:
-                part += f", {item.fallbacks[session]} fall-backs"
+                part += f", fell back {item.fallbacks[session]} x"
             parts.append(part + ")")
         lines.append(f"  {item.label}: {', '.join(parts)}; prepared in {item.start_s:.2f} s")
     lines.append(
         "  incremental's cost is mostly a turn's, not a candidate's. GTSAM's Cholesky, which "
-        "from_scratch and isam2 use, is itself off by 1e-8 to 1e-7 on Victoria Park. as_published "
+        "from_scratch and isam2 use, is itself off by up to 1e-7 on Victoria Park. as_published "
         "re-evaluates inexactly by design: it misses what changed between two other robots and "
         "takes a vertex reached with another heading for the same pose (a fall-back puts a matrix "
         "together anew)"
