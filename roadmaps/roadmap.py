@@ -60,7 +60,13 @@ class RoadmapMatrix:
 
         Raises:
             UnknownVertexError: If the roadmap has no such vertex.
+            ParameterError: If it is no vertex id at all, such as a position.
         """
+        if not isinstance(vertex, Hashable):
+            raise ParameterError(
+                f"{name}: expected the id of a vertex, got {vertex!r}; make a position a vertex by "
+                "build_prm(required_positions=...) or connect_positions"
+            )
         if vertex not in self.row_of:
             raise UnknownVertexError(
                 f"{name}: expected a vertex of the roadmap, got {vertex!r}; it has "

@@ -85,6 +85,12 @@ class Belief:
             UnknownNameError: If a factor has a key that is not in the values.
             IllPosedBeliefError: If structure shows that a variable cannot be determined.
         """
+        for what, kind in (("graph", gtsam.NonlinearFactorGraph), ("values", gtsam.Values)):
+            if not isinstance(getattr(self, what), kind):
+                raise InvalidInputError(
+                    f"belief: expected {what} of type {kind.__name__}, got "
+                    f"{type(getattr(self, what)).__name__}; the call is Belief(graph, values)"
+                )
         graph, values = gtsam.NonlinearFactorGraph(self.graph), gtsam.Values(self.values)
         dims = {int(key): int(dim) for key, dim in values.dims().items()}
         kinds = {key: _checked_kind(values, key, dims[key]) for key in sorted(dims)}
@@ -170,6 +176,15 @@ class Belief:
                 "for Belief.pose"
             )
         return _read(self.values, key, self.kinds[key])
+
+    def landmarks(self) -> dict[Key, FloatArray]:
+        """Every landmark at the linearisation point, by ascending key.
+
+        Returns:
+            Shape (2,) or (3,) each, metres, world frame; empty where there is none.
+        """
+        points = [key for key in self.keys if self.kinds[key] in ("Point2", "Point3")]
+        return {key: _read(self.values, key, self.kinds[key]) for key in points}
 
     def covariance(
         self, rows: Key | Sequence[Key], columns: Key | Sequence[Key] | None = None

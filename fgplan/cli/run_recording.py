@@ -14,7 +14,7 @@ from fgplan.factors.multi_robot import joined_pairs
 from fgplan.io.run_record import ImpactRecord, Pairs, RunRecord, record_workspace
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.state import State
-from fgplan.planners.impacted_paths.candidates import candidate_sets, mapped_landmarks
+from fgplan.planners.impacted_paths.candidates import candidate_sets
 from fgplan.planners.impacted_paths.options import CandidateOptions
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan
@@ -50,7 +50,7 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
             if item.path is not None and len(item.covariances)
         },
         joined=joined_states(mission, plan.paths),
-        landmarks=_landmarks(mission),
+        landmarks=mission.prior.landmarks(),
         values=tuple(item.value for item in known),
         announced_by=tuple(item.robot or "all" for item in known),
         impacts=_impacts(mission, candidates, plan.details.get("turns", ())),
@@ -106,11 +106,6 @@ def _states(mission: Mission, robot: str, path: CandidatePath | None) -> list[St
     """Past states of a robot and those of its path."""
     past = [item.state for item in mission.past_states if item.state.robot == robot]
     return past if path is None else [*past, *path.states()]
-
-
-def _landmarks(mission: Mission) -> dict[int, Any]:
-    """Mapped landmarks by key."""
-    return dict(mapped_landmarks(mission.prior))
 
 
 def _impacts(mission: Mission, candidates: Candidates, turns: Any) -> tuple[ImpactRecord, ...]:  # noqa: ANN401
