@@ -4,10 +4,8 @@ Nothing is imported before it is asked for. A name stands for a class (made with
 an object with ``name`` and ``plan``.
 """
 
-import importlib
-from typing import Any
-
-from fgplan.errors import InvalidInputError, UnknownNameError
+from fgplan.errors import InvalidInputError
+from fgplan.evaluation.registry import find_object
 from fgplan.planners.planner import AbstractPlanner
 
 PLANNERS: dict[str, str] = {
@@ -17,18 +15,22 @@ PLANNERS: dict[str, str] = {
 """Name to ``module:object``; more are added by ``register_planner``."""
 
 
-def register_planner(name: str, target: str) -> None:
-    """Add a planner to the registry.
+def register_planner(name: str, target: str, *, replace: bool = False) -> None:
+    """Add a planner to the registry; the same one again is no error.
 
     Args:
         name: Name in scenario files.
         target: ``module:object``.
+        replace: Whether it may take the place of another planner of that name.
 
     Raises:
         InvalidInputError: If the name is taken, or the target has another form.
     """
-    if name in PLANNERS:
-        raise InvalidInputError(f"planner {name!r}: the name is taken; choose another")
+    if not replace and PLANNERS.get(name, target) != target:
+        raise InvalidInputError(
+            f"planner {name!r}: the name is taken by {PLANNERS[name]!r}; choose another or pass "
+            "replace=True"
+        )
     if ":" not in target:
         raise InvalidInputError(f"planner {name!r}: expected 'module:object', got {target!r}")
     PLANNERS[name] = target
@@ -55,36 +57,3 @@ def find_planner(name: str) -> AbstractPlanner:
             f"progress), got {type(planner).__name__}"
         )
     return planner
-
-
-def find_object(name: str, known: dict[str, str], what: str) -> Any:  # noqa: ANN401
-    """Import the object that a registered name or ``module:object`` stands for.
-
-    Args:
-        name: The name.
-        known: Registered names and what they stand for.
-        what: What it is, for the message.
-
-    Returns:
-        The object.
-
-    Raises:
-        UnknownNameError: If it is not known or cannot be imported; lists the known names.
-    """
-    target = known.get(name, name)
-    module_name, colon, attribute = target.partition(":")
-    names = ", ".join(sorted(known))
-    if not colon:
-        raise UnknownNameError(
-            f"{what} {name!r}: expected one of {names}, or your own as 'module:object'"
-        )
-    try:
-        found: Any = importlib.import_module(module_name)
-        for part in attribute.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UnknownNameError(
-            f"{what} {name!r}: cannot import {target!r}: {error}; expected one of {names}, or "
-            "your own as 'module:object' on the import path"
-        ) from error
-    return found

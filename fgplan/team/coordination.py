@@ -8,9 +8,10 @@ import numpy as np
 
 from fgplan.announcement.announcement import Sender, goal_of
 from fgplan.announcement.term_data import terms_of
-from fgplan.errors import StaleAnnouncementError, UnknownNameError
+from fgplan.errors import InvalidInputError, StaleAnnouncementError, UnknownNameError
 from fgplan.evaluation.evaluations import AbstractEvaluator
 from fgplan.evaluation.problem import PlanningProblem
+from fgplan.evaluation.registry import INEXACT, find_evaluator
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.team.agreement import Agreement
 from fgplan.team.envelope import Inbox, Outbox
@@ -26,7 +27,7 @@ from fgplan.typing import ArrayLike
 def set_up_team(
     problem: PlanningProblem,
     candidates: Mapping[str, Sequence[CandidatePath]],
-    evaluator: AbstractEvaluator,
+    evaluator: str | AbstractEvaluator = "incremental",
     *,
     options: CoordinationOptions | None = None,
     goals: Mapping[str, ArrayLike] | None = None,
@@ -37,8 +38,10 @@ def set_up_team(
     Args:
         problem: Prior, team, objective and models.
         candidates: Candidate paths of each robot.
-        evaluator: How every robot evaluates them.
-        options: How the team comes to agree.
+        evaluator: How every robot evaluates them: a registered name (``incremental``,
+            ``from_scratch``, ``isam2``, ``as_published``), a user's own as ``module:object``, or
+            an evaluator made with options of its own.
+        options: How the team comes to agree; None is the default for this evaluator.
         goals: Goal of each robot, metres, world frame; travels with its announcements.
         prior_digest: Digest of the prior where the caller has it; None computes it.
 
@@ -46,13 +49,20 @@ def set_up_team(
         Set-up of each robot, in the order of the team.
 
     Raises:
-        UnknownNameError: If candidates are given for a robot that is not in the team.
+        UnknownNameError: If candidates are given for a robot that is not in the team, or there is
+            no such evaluator.
+        InvalidInputError: If the evaluator is none, or the candidates of a robot are no sequence.
     """
     robots = tuple(problem.robots)
+    evaluating = find_evaluator(evaluator)
     for robot in candidates:
         if robot not in robots:
             raise UnknownNameError(f"candidates: robot {robot!r} is not one of {', '.join(robots)}")
-    chosen = options or CoordinationOptions()
+        if isinstance(candidates[robot], CandidatePath):
+            raise InvalidInputError(
+                f"candidates of robot {robot!r}: expected a list of paths, got one; write [path]"
+            )
+    chosen = options or default_options(evaluating)
     digest = problem.prior.digest() if prior_digest is None else prior_digest
     terms = {robot: terms_of(problem.objective, robot) for robot in robots}
     places = goals or {}
@@ -62,7 +72,7 @@ def set_up_team(
             robots=robots,
             problem=problem,
             candidates=tuple(candidates.get(robot, ())),
-            evaluator=evaluator,
+            evaluator=evaluating,
             options=chosen,
             sender=Sender(
                 session=chosen.session,
@@ -76,10 +86,22 @@ def set_up_team(
     }
 
 
+def default_options(evaluator: AbstractEvaluator) -> CoordinationOptions:
+    """Options where the caller gives none: a rise of the objective is an error of exact evaluators.
+
+    Args:
+        evaluator: How every robot evaluates.
+
+    Returns:
+        The options.
+    """
+    return CoordinationOptions(check_values=evaluator.name not in INEXACT)
+
+
 def coordinate(
     problem: PlanningProblem,
     candidates: Mapping[str, Sequence[CandidatePath]],
-    evaluator: AbstractEvaluator,
+    evaluator: str | AbstractEvaluator = "incremental",
     *,
     options: CoordinationOptions | None = None,
     goals: Mapping[str, ArrayLike] | None = None,
@@ -92,8 +114,10 @@ def coordinate(
     Args:
         problem: Prior, team, objective and models.
         candidates: Candidate paths of each robot.
-        evaluator: How every robot evaluates them.
-        options: How the team comes to agree.
+        evaluator: How every robot evaluates them: a registered name (``incremental``,
+            ``from_scratch``, ``isam2``, ``as_published``), a user's own as ``module:object``, or
+            an evaluator made with options of its own.
+        options: How the team comes to agree; None is the default for this evaluator.
         goals: Goal of each robot, metres, world frame.
         transport: What carries the messages; None is in process without faults.
         prior_digest: Digest of the prior where the caller has it; None computes it.
@@ -104,12 +128,15 @@ def coordinate(
 
     Raises:
         NoCandidatePathError: If a robot has no candidate path and may not stay; names it.
-        UnknownNameError: If candidates are given for a robot that is not in the team.
+        UnknownNameError: If candidates are given for a robot that is not in the team, or there is
+            no such evaluator.
+        InvalidInputError: If the evaluator is none, or the candidates of a robot are no sequence.
     """
     began = time.perf_counter()
-    chosen = options or CoordinationOptions()
+    evaluating = find_evaluator(evaluator)
+    chosen = options or default_options(evaluating)
     setups = set_up_team(
-        problem, candidates, evaluator, options=chosen, goals=goals, prior_digest=prior_digest
+        problem, candidates, evaluating, options=chosen, goals=goals, prior_digest=prior_digest
     )
     network = transport or InProcessTransport(tuple(setups))
     starting = time.perf_counter()

@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 
 from fgplan.beliefs.belief import Belief
-from fgplan.errors import InvalidInputError, NoCandidatePathError, UnknownNameError
+from fgplan.errors import (
+    InvalidInputError,
+    NoCandidatePathError,
+    OptionError,
+    UnknownNameError,
+)
 from fgplan.evaluation.objective import length_and_uncertainty
+from fgplan.evaluation.registry import find_evaluator
 from fgplan.models.motion import MotionModel
 from fgplan.models.range_bearing import BearingRangeSensor
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
 from fgplan.planners.exhaustive.planner import ExhaustivePlanner
-from fgplan.planners.impacted_paths.candidates import candidate_sets, with_observations
-from fgplan.planners.impacted_paths.evaluators import find_evaluator
-from fgplan.planners.impacted_paths.options import ImpactedPathsOptions
+from fgplan.planners.impacted_paths.candidates import candidate_sets
+from fgplan.planners.impacted_paths.options import CandidateOptions, ImpactedPathsOptions
 from fgplan.planners.impacted_paths.planner import ImpactedPathsPlanner
 from fgplan.planners.mission import Mission, MissionRobot
 from fgplan.planners.plan import plan_of
@@ -207,15 +212,25 @@ def test_observations_are_exactly_those_that_the_sensor_and_the_wall_allow():
     assert blocked > 0
 
 
-def test_sensor_without_limit_sees_every_landmark():
+def test_robot_without_sensors_plans_no_observation():
     mission = make_mission(sensors=())
     options = ImpactedPathsOptions(candidates=2, vertices=60)
     paths = candidate_sets(mission, options, np.random.default_rng(0)).candidates["r0"]
     assert all(path.observations == () for path in paths)
-    points = {100: np.array([7.0, 3.0]), 101: np.array([13.0, 9.0])}
-    everywhere = BearingRangeSensor(bearing_sigma_rad=0.05, range_sigma_m=0.2)
-    for path in with_observations(paths, {"radar": everywhere}, points):
-        assert len(path.observations) == 2 * path.steps
+
+
+def test_candidate_sets_read_the_mission_where_nothing_is_given():
+    mission = make_mission()
+    options = CandidateOptions(candidates=4, vertices=60, spacing_m=3.0)
+    expected = candidate_sets(mission, options, np.random.default_rng(mission.seed))
+    found = candidate_sets(mission)  # OPTIONS names an evaluator too, which is not its business
+    for robot, paths in expected.candidates.items():
+        assert len(found.candidates[robot]) == len(paths)
+        for have, want in zip(found.candidates[robot], paths, strict=True):
+            assert have.poses.tobytes() == want.poses.tobytes()
+            assert len(have.observations) == len(want.observations)
+    with pytest.raises(OptionError, match="planner option candidates"):
+        candidate_sets(make_mission(options={"candidates": 0}))
 
 
 def test_robots_in_space_stay_level_at_their_height():

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.evaluation.registry import INEXACT, find_evaluator
 from fgplan.planners.exhaustive.search import search_all
 from fgplan.planners.impacted_paths.candidates import candidate_sets
-from fgplan.planners.impacted_paths.evaluators import INEXACT, find_evaluator
 from fgplan.planners.impacted_paths.options import ImpactedPathsOptions, read_options
 from fgplan.planners.impacted_paths.planner import pose_covariances, report_counts, robot_plans
 from fgplan.planners.mission import Mission

@@ -16,9 +16,9 @@ import numpy as np
 from fgplan.beliefs.candidate_belief import candidate_belief
 from fgplan.evaluation.evaluations import ReevaluationReport
 from fgplan.evaluation.problem import PlanningProblem
+from fgplan.evaluation.registry import INEXACT, find_evaluator
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.planners.impacted_paths.candidates import CandidateSets, candidate_sets
-from fgplan.planners.impacted_paths.evaluators import INEXACT, find_evaluator
 from fgplan.planners.impacted_paths.options import ImpactedPathsOptions, read_options
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
