@@ -9,20 +9,25 @@ What a user gets is an ordinary factor graph with values, to look at, optimise o
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import gtsam
+import numpy as np
 
 from fgplan.beliefs.belief import Belief
-from fgplan.errors import UnknownNameError
+from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.factors.boundary import gtsam_boundary
 from fgplan.factors.factor_set import FactorSet
 from fgplan.factors.motion import gtsam_pose
 from fgplan.factors.path_factors import KnownState, path_keys, team_factors
+from fgplan.models.pose import heading_slice, position_slice
 from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import MultiRobotModel
-from fgplan.typing import Key
+from fgplan.typing import Covariance, Key
+
+Block = Literal["pose", "position", "heading"]
+"""Part of a pose's tangent."""
 
 
 class BeliefProblem(Protocol):
@@ -53,8 +58,8 @@ class BeliefProblem(Protocol):
         """Past states that may take part in multi-robot factors."""
         ...
 
-    def check_path(self, path: CandidatePath) -> None:
-        """Check that a path belongs to the problem."""
+    def check_announced(self, announced: Mapping[str, CandidatePath]) -> None:
+        """Check that paths belong to the problem, each under its robot's name."""
         ...
 
 
@@ -68,6 +73,14 @@ class CandidateBelief:
         factors: The planned factors with their provenance, in the order of the graph's end.
         keys: By robot, the keys of its poses by step that the cut leaves; step 0 is the prior's.
         cut: Look-ahead step of the cut, or None.
+
+    Example:
+        >>> from fgplan.io.mission_file import load_mission
+        >>> from fgplan.planners.impacted_paths.candidates import candidate_sets
+        >>> sets = candidate_sets(load_mission("examples/scenarios/two_robots.toml"))
+        >>> joint = candidate_belief(sets.problem, {"ann": sets.candidates["ann"][0]})
+        >>> joint.position_sigma_m("ann") > joint.position_sigma_m("ann", 0)
+        True
     """
 
     graph: gtsam.NonlinearFactorGraph = field(repr=False)
@@ -75,25 +88,92 @@ class CandidateBelief:
     factors: FactorSet = field(repr=False)
     keys: Mapping[str, tuple[Key, ...]]
     cut: int | None
+    _made: list[Belief] = field(init=False, repr=False, default_factory=list)
 
-    def key(self, robot: str, step: int) -> Key:
-        """Key of a robot's pose at a step; a path that has ended keeps its last state.
+    def key(self, robot: str, step: int | None = None) -> Key:
+        """Key of a robot's pose.
+
+        Args:
+            robot: Name; a robot without a path has step 0 only.
+            step: Look-ahead step, 0 to the last that path and cut leave; None is the last.
+
+        Returns:
+            The GTSAM key.
 
         Raises:
             UnknownNameError: If the robot is not in the team.
+            InvalidInputError: If there is no such step.
         """
         if robot not in self.keys:
             raise UnknownNameError(f"robot {robot!r}: expected one of {', '.join(self.keys)}")
         keys = self.keys[robot]
-        return keys[min(step, len(keys) - 1)]
+        if step is None:
+            return keys[-1]
+        if not 0 <= step < len(keys):
+            raise InvalidInputError(
+                f"robot {robot!r}: expected a look-ahead step from 0 to {len(keys) - 1}, got "
+                f"{step}; leave it out for the last"
+            )
+        return keys[step]
 
     def belief(self) -> Belief:
-        """The belief to ask for covariances, by QR.
+        """The belief to ask for covariances, by QR; made at the first call, then the same.
+
+        It holds copies: what is added to ``graph`` later is not in it (make a ``Belief`` of both).
 
         Raises:
             IllPosedBeliefError: If a variable is not determined.
         """
-        return Belief(self.graph, self.values)
+        if not self._made:
+            self._made.append(Belief(self.graph, self.values))
+        return self._made[0]
+
+    def covariance(self, robot: str, step: int | None = None, block: Block = "pose") -> Covariance:
+        """Marginal covariance of a robot's pose.
+
+        Args:
+            robot: Name.
+            step: Look-ahead step; None is the last.
+            block: ``pose``, or only its ``position`` or ``heading``.
+
+        Returns:
+            Shape (d, d), in the pose's own tangent (GTSAM's order: planar x, y, heading; spatial
+            rotation before translation): position is (2, 2) or (3, 3), square metres, heading
+            (1, 1) or (3, 3), square radians.
+
+        Raises:
+            UnknownNameError: If the robot is not in the team.
+            InvalidInputError: If there is no such step or block.
+            IllPosedBeliefError: If a variable is not determined.
+        """
+        if block not in get_args(Block):
+            raise InvalidInputError(
+                f"covariance of robot {robot!r}: expected block pose, position or heading, got "
+                f"{block!r}"
+            )
+        covariance = self.belief().covariance(self.key(robot, step))
+        if block == "pose":
+            return covariance
+        dim = len(covariance)
+        part = position_slice(dim) if block == "position" else heading_slice(dim)
+        return covariance[part, part]
+
+    def position_sigma_m(self, robot: str, step: int | None = None) -> float:
+        """Standard deviation of a robot's position: root of the trace of its covariance, metres.
+
+        Args:
+            robot: Name.
+            step: Look-ahead step; None is the last.
+
+        Returns:
+            Metres; the trace does not depend on the frame.
+
+        Raises:
+            UnknownNameError: If the robot is not in the team.
+            InvalidInputError: If there is no such step.
+            IllPosedBeliefError: If a variable is not determined.
+        """
+        return float(np.sqrt(np.trace(self.covariance(robot, step, "position"))))
 
 
 def candidate_belief(
@@ -111,11 +191,10 @@ def candidate_belief(
 
     Raises:
         UnknownNameError: If a path's robot, sensor or landmark is not known.
-        InvalidInputError: If a path does not start at the prior's current pose, or a noise is not
-            positive definite.
+        InvalidInputError: If a path is not given under its robot's name, does not start at the
+            prior's current pose, or a noise is not positive definite.
     """
-    for robot in paths:
-        problem.check_path(paths[robot])
+    problem.check_announced(paths)
     factors = team_factors(problem, paths, cut)
     graph = gtsam.NonlinearFactorGraph(problem.prior.graph)
     graph.push_back(factors.graph())

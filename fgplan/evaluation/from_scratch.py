@@ -278,12 +278,7 @@ def check_announced(
         InvalidInputError: If a path is filed under another robot or does not fit the problem.
         UnknownNameError: If a robot is not in the team.
     """
-    for name, path in announced.items():
-        problem.check_path(path)
-        if path.robot != name:
-            raise InvalidInputError(
-                f"announced path of robot {name!r}: got a path of robot {path.robot!r}"
-            )
+    problem.check_announced(announced)
     return {name: announced[name] for name in problem.robots if name in announced and name != robot}
 
 

@@ -11,9 +11,10 @@ last state. ``end``: every announced path followed to its end. ``arrival``: the 
 robot. Otherwise the steps given, and the term is the sum over them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Integral
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,9 +29,17 @@ Read = Literal["end", "arrival"] | tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class PosesOf:
-    """The poses of some robots at the step that is read, jointly; one robot is the usual case."""
+    """The poses of some robots at the step that is read, jointly; one robot is the usual case.
+
+    Attributes:
+        robots: Names; one robot is ``PosesOf(("ann",))``.
+    """
 
     robots: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Check that there are several names, not the letters of one."""
+        object.__setattr__(self, "robots", _listed(self.robots, str, "PosesOf robots", "a name"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +51,19 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class PriorVariables:
-    """Variables that the prior holds, jointly: landmarks, past or current poses."""
+    """Variables that the prior holds, jointly: landmarks, past or current poses.
+
+    Attributes:
+        keys: GTSAM keys; one variable is ``PriorVariables((key,))``.
+    """
 
     keys: tuple[Key, ...]
+
+    def __post_init__(self) -> None:
+        """Check that there are keys."""
+        object.__setattr__(
+            self, "keys", _listed(self.keys, Integral, "PriorVariables keys", "a key")
+        )
 
 
 VariableSet = PosesOf | Trajectory | PriorVariables
@@ -72,6 +91,11 @@ class UncertaintyTerm:
 
     def __post_init__(self) -> None:
         """Check the combination of fields."""
+        if not isinstance(self.of, PosesOf | Trajectory | PriorVariables):
+            raise InvalidInputError(
+                "objective term: expected of = PosesOf((robot,)), Trajectory(robot) or "
+                f"PriorVariables((key,)), got {self.of!r}"
+            )
         uncertainty_function(self.function)
         _check_weight(self.weight)
         if self.block not in ("position", "pose", "heading"):
@@ -182,9 +206,7 @@ class Objective:
 
     def __post_init__(self) -> None:
         """Check that there is something to minimise."""
-        object.__setattr__(self, "terms", tuple(self.terms))
-        if not self.terms:
-            raise InvalidInputError("objective: expected at least one term, got none")
+        object.__setattr__(self, "terms", _listed(self.terms, Term, "objective terms", "a term"))
 
     @property
     def bounded(self) -> bool:
@@ -208,12 +230,30 @@ def length_and_uncertainty(
 
     Returns:
         Two terms a robot: weight times length in metres, weight times trace in square metres.
+
+    Raises:
+        InvalidInputError: If there is no robot, or a name in place of a list of names.
     """
     terms: list[Term] = []
-    for robot in robots:
+    for robot in _listed(robots, str, "length_and_uncertainty robots", "a name"):
         terms.append(PathLengthTerm(robot=robot, weight=path_weight))
         terms.append(UncertaintyTerm(of=PosesOf((robot,)), weight=uncertainty_weight))
     return Objective(tuple(terms))
+
+
+def _listed(given: Any, kind: Any, name: str, what: str) -> tuple[Any, ...]:  # noqa: ANN401
+    """What a caller lists, as a tuple; one by itself or nothing is refused."""
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise InvalidInputError(
+            f"{name}: expected a tuple or list, got {given!r}; write ({given!r},)"
+        )
+    listed = tuple(given)
+    if not listed:
+        raise InvalidInputError(f"{name}: expected at least one, got none")
+    for item in listed:
+        if not isinstance(item, kind):
+            raise InvalidInputError(f"{name}: expected {what} each, got {item!r}")
+    return listed
 
 
 def _check_weight(weight: float) -> None:

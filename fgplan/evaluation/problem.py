@@ -62,6 +62,14 @@ class PlanningProblem:
         """Check names and keys against each other."""
         object.__setattr__(self, "start_keys", dict(self.start_keys))
         object.__setattr__(self, "sensors", dict(self.sensors))
+        for name, kind in (("multi_robot", MultiRobotModel), ("past_states", PastState)):
+            given = getattr(self, name)
+            if not (isinstance(given, Sequence) and all(isinstance(one, kind) for one in given)):
+                raise InvalidInputError(
+                    f"planning problem {name}: expected a tuple of {kind.__name__}, got {given!r}; "
+                    "write a single one as (it,)"
+                )
+            object.__setattr__(self, name, tuple(given))
         if not self.start_keys:
             raise InvalidInputError("planning problem: expected at least one robot, got none")
         if len(set(self.start_keys.values())) != len(self.start_keys):
@@ -130,6 +138,37 @@ class PlanningProblem:
     def check_path(self, path: CandidatePath) -> None:
         """Check one path, see ``check_paths``."""
         self.check_paths((path,))
+
+    def check_announced(self, announced: Mapping[str, CandidatePath]) -> None:
+        """Check one path a robot: each under its own robot's name, and see ``check_paths``.
+
+        Args:
+            announced: Path of each robot that has one.
+
+        Raises:
+            UnknownNameError: If a robot, a landmark or a sensor is not known.
+            InvalidInputError: If it is no mapping, a path is filed under another robot's name, or
+                a dimension or start pose differs from the prior's.
+        """
+        if not isinstance(announced, Mapping):
+            raise InvalidInputError(
+                "announced paths: expected a mapping of robot to path, as in {'ann': path}, got "
+                f"{type(announced).__name__}"
+            )
+        for robot, path in announced.items():
+            if robot not in self.start_keys:
+                known = ", ".join(self.robots)
+                raise UnknownNameError(f"announced path of {robot!r}: expected one of {known}")
+            if not isinstance(path, CandidatePath):
+                raise InvalidInputError(
+                    f"announced path of robot {robot!r}: expected a CandidatePath, got "
+                    f"{type(path).__name__}"
+                )
+            if path.robot != robot:
+                raise InvalidInputError(
+                    f"announced path of robot {robot!r}: got a path of robot {path.robot!r}"
+                )
+        self.check_paths(tuple(announced.values()))
 
     def _check_start(self, path: CandidatePath, start: Pose) -> None:
         """Check that pose 0 is the prior's estimate."""

@@ -257,8 +257,8 @@ def test_candidate_belief_is_a_graph_to_look_at():
     chosen = {name: options[0] for name, options in paths.items() if name != "robot2"}
     whole = candidate_belief(problem, chosen)
     assert whole.graph.size() == problem.prior.graph.size() + len(whole.factors)
-    assert whole.key("robot2", 5) == problem.start_keys["robot2"]
-    assert whole.key("robot0", 99) == whole.keys["robot0"][-1]
+    assert whole.key("robot2") == problem.start_keys["robot2"]
+    assert whole.key("robot0") == whole.keys["robot0"][-1]
     assert whole.graph.error(whole.values) == pytest.approx(
         problem.prior.graph.error(problem.prior.values)
     )
@@ -271,7 +271,7 @@ def test_candidate_belief_is_a_graph_to_look_at():
     )
     belief = whole.belief()
     part = slice(0, 2) if problem.dim == 3 else slice(3, 6)
-    traces = [np.trace(belief.covariance(whole.key(n, 99))[part, part]) for n in names]
+    traces = [np.trace(belief.covariance(whole.key(n))[part, part]) for n in names]
     np.testing.assert_allclose(found.terms[0], traces, rtol=1e-9)
     cut = candidate_belief(problem, chosen, 1)
     assert len(cut.keys["robot0"]) == 2

@@ -32,7 +32,7 @@ def added(problem, path, announced):
 
 def exact(problem, paths, robot):
     whole = candidate_belief(problem, paths)
-    return whole.belief().covariance(whole.key(robot, 99))
+    return whole.belief().covariance(whole.key(robot))
 
 
 def test_announced_paths_are_exchanged_in_place(scene):
@@ -46,7 +46,7 @@ def test_announced_paths_are_exchanged_in_place(scene):
         announce(smoother, problem, others)
         for path in paths["robot0"]:
             graph, poses = added(problem, path, others)
-            goal = candidate_belief(problem, {"robot0": path}).key("robot0", 99)
+            goal = candidate_belief(problem, {"robot0": path}).key("robot0")
             (found,) = smoother.covariances(graph, poses, [(goal,)])
             expected = exact(problem, {"robot0": path, **others}, "robot0")
             np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
@@ -80,7 +80,7 @@ def test_after_an_exception_the_smoother_is_built_anew(scene):
         smoother.covariances(loose, poses, [(12345,)])
     path = paths["robot0"][0]
     graph, poses = added(problem, path, others)
-    goal = candidate_belief(problem, {"robot0": path}).key("robot0", 99)
+    goal = candidate_belief(problem, {"robot0": path}).key("robot0")
     (found,) = smoother.covariances(graph, poses, [(goal,)])
     expected = exact(problem, {"robot0": path, **others}, "robot0")
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
