@@ -157,6 +157,7 @@ def reading_value(
 
     Raises:
         IllPosedBeliefError: If a covariance is not positive definite.
+        InvalidInputError: If the function does not give one number a covariance.
     """
     function = uncertainty_function(reading.function)
     try:
@@ -167,7 +168,14 @@ def reading_value(
             f"{covariance.shape[-1]} rows is not positive definite; a direction without any "
             "uncertainty has no determinant or entropy"
         ) from error
-    return np.asarray(values, dtype=np.float64)
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != covariance.shape[:-2]:
+        raise InvalidInputError(
+            f"uncertainty function {function.name!r}: expected {covariance.shape[:-2]} numbers "
+            f"for covariances of shape {covariance.shape}, got shape {found.shape}; write it for "
+            "the last two axes, as in np.trace(covariance, axis1=-2, axis2=-1)"
+        )
+    return found
 
 
 def uncertainty_values(

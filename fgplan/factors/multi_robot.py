@@ -31,7 +31,7 @@ from fgplan.factors.observation import (
 from fgplan.models.pose import point_jacobian, position
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
 from fgplan.models.relative_pose import RelativePoseSensor
-from fgplan.models.sensor import AbstractSensor
+from fgplan.models.sensor import AbstractSensor, checked_jacobians
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
 from fgplan.paths.state import State
 from fgplan.typing import Covariance, FloatArray, Key, Pose
@@ -185,6 +185,7 @@ def _pose_custom_factor(
     noise: gtsam.noiseModel.Base,
 ) -> gtsam.CustomFactor:
     """A user's sensor that sees another robot's position, as a GTSAM factor."""
+    checked_jacobians(sensor, pose, position(other))
     measured = sensor.predict(pose, position(other))
     planar = pose.ndim == 1
 

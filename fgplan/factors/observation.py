@@ -21,7 +21,7 @@ from fgplan.factors.factor_set import FactorId, PlannedFactor, state_identity
 from fgplan.factors.gaussian_noise import gaussian_noise, noise_digest
 from fgplan.models.pose import position, position_in, rotation_matrix
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
-from fgplan.models.sensor import AbstractSensor
+from fgplan.models.sensor import AbstractSensor, checked_jacobians
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, Jacobian, Key, Pose
 
@@ -169,6 +169,7 @@ def _point_custom_factor(
     noise: gtsam.noiseModel.Base,
 ) -> gtsam.CustomFactor:
     """A user's sensor, or a planar robot that sees a point in space, as a GTSAM factor."""
+    checked_jacobians(sensor, pose, point)  # here and not in GTSAM's callback, which hides errors
     measured = sensor.predict(pose, point)
     planar, flat = pose.ndim == 1, point.size == 2
 

@@ -32,17 +32,19 @@ class SightLines(Protocol):
 
 
 class AbstractSensor(ABC):
-    """A model of measuring one point; write your own by giving the four methods below.
+    """A model of measuring one point; your own gives ``predict``, ``jacobians`` and ``noise``.
+
+    ``fgplan.check_sensor`` compares its Jacobians with differences.
 
     Attributes:
-        kind: Name of the model in messages and scenario files.
-        max_range_m: Farther targets are not seen.
-        field_of_view_rad: Full opening angle about the heading; 2 pi sees all round.
+        kind: Name of the model in messages.
+        max_range_m: Farther targets are not seen; by default none is too far.
+        field_of_view_rad: Full opening angle about the heading; 2 pi, the default, sees all round.
     """
 
-    kind: ClassVar[str]
-    max_range_m: float
-    field_of_view_rad: float
+    kind: ClassVar[str] = "own sensor"
+    max_range_m: float = np.inf
+    field_of_view_rad: float = 2.0 * np.pi
 
     @abstractmethod
     def predict(self, pose: Pose, target: FloatArray) -> FloatArray:
@@ -96,9 +98,19 @@ class AbstractSensor(ABC):
 
         Returns:
             Rows by pose tangent, shape (m, d), and by target, shape (m, n).
+
+        Raises:
+            InvalidInputError: If Jacobians or noise have another shape, are not finite, or the
+                noise is not positive definite; names the sensor's kind.
         """
-        by_pose, by_target = self.jacobians(pose, target)
-        noise = self.noise(pose, target) if covariance is None else covariance
+        by_pose, by_target = checked_jacobians(self, pose, target)
+        noise = np.asarray(self.noise(pose, target) if covariance is None else covariance)
+        rows = len(by_pose)
+        if noise.shape != (rows, rows) or not np.isfinite(noise).all():
+            raise InvalidInputError(
+                f"noise of sensor {self.kind!r}: expected finite numbers of shape ({rows}, {rows}) "
+                f"for Jacobians of {rows} rows, got {noise.tolist()}"
+            )
         by_pose, by_target = whiten(noise, by_pose, by_target)
         return by_pose, by_target
 
@@ -119,6 +131,47 @@ class AbstractSensor(ABC):
         target = position_in(other, size)
         by_pose, by_target = self.linearise(pose, target, covariance)
         return by_pose, by_target @ point_jacobian(other, size)
+
+
+def checked_jacobians(
+    sensor: AbstractSensor, pose: Pose, target: FloatArray
+) -> tuple[Jacobian, Jacobian]:
+    """Jacobians of a sensor, refused by its kind where they cannot be right.
+
+    Args:
+        sensor: The sensor, perhaps a user's own.
+        pose: Robot pose, shape (3,) or (4, 4), world frame.
+        target: Point, shape (n,), metres, world frame.
+
+    Returns:
+        By pose tangent, shape (m, d), and by target, shape (m, n).
+
+    Raises:
+        InvalidInputError: If there are not two, a shape is another, or a number is not finite.
+    """
+    found = sensor.jacobians(pose, target)
+    if not (isinstance(found, tuple | list) and len(found) == 2):
+        raise InvalidInputError(
+            f"Jacobians of sensor {sensor.kind!r}: expected two, by pose and by target, got "
+            f"{type(found).__name__}"
+        )
+    blocks = (np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.float64))
+    rows = blocks[0].shape[:1]
+    for name, block, size in (
+        ("pose", blocks[0], 3 if pose.ndim == 1 else 6),
+        ("target", blocks[1], target.size),
+    ):
+        if block.shape != (*rows, size) or not rows:
+            raise InvalidInputError(
+                f"Jacobian of sensor {sensor.kind!r} by {name}: expected shape "
+                f"({rows[0] if rows else 'm'}, {size}), got {block.shape}"
+            )
+        if not np.isfinite(block).all():
+            raise InvalidInputError(
+                f"Jacobian of sensor {sensor.kind!r} by {name}: expected finite numbers, got "
+                f"{block.tolist()} at pose {pose.tolist()} and target {target.tolist()}"
+            )
+    return blocks
 
 
 def whiten(covariance: Covariance, *blocks: Jacobian) -> tuple[Jacobian, ...]:

@@ -103,11 +103,15 @@ UNCERTAINTY_FUNCTIONS: dict[str, UncertaintyFunction] = {f.name: f for f in _BUI
 """The registry: built-in functions and those added by ``register_uncertainty``."""
 
 
-def register_uncertainty(function: UncertaintyFunction) -> None:
+def register_uncertainty(function: UncertaintyFunction, *, replace: bool = False) -> None:
     """Add a function to the registry, for objectives and scenario files.
+
+    The same function again is no error, so a module may be imported twice.
 
     Args:
         function: The function; its flags decide whether bounds may be used.
+        replace: Whether it may take the place of an own function of that name, as when a notebook
+            cell is run again; built-in ones stay.
 
     Raises:
         InvalidInputError: If the name is taken.
@@ -123,9 +127,16 @@ def register_uncertainty(function: UncertaintyFunction) -> None:
         ... )
         >>> register_uncertainty(worst)
     """
-    if function.name in UNCERTAINTY_FUNCTIONS:
+    taken = UNCERTAINTY_FUNCTIONS.get(function.name, function)
+    if taken in _BUILT_IN and taken != function:
         raise InvalidInputError(
-            f"uncertainty function {function.name!r}: the name is taken; choose another"
+            f"uncertainty function {function.name!r}: the name is taken by a built-in function; "
+            "choose another"
+        )
+    if taken != function and not replace:
+        raise InvalidInputError(
+            f"uncertainty function {function.name!r}: the name is taken; choose another or pass "
+            "replace=True"
         )
     UNCERTAINTY_FUNCTIONS[function.name] = function
 
