@@ -18,6 +18,7 @@ from fgplan.errors import (
 )
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.mission_file import make_mission
+from fgplan.io.named_files import named_files
 from fgplan.io.place import Place
 from fgplan.io.result_file import Requirement, require_true
 from fgplan.io.run_folder import begin_run, write_record
@@ -59,7 +60,7 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
         mission = dataclasses.replace(mission, options=fewer)
     options.record({})
     if options.out is not None:
-        begin_run(path, options.out)
+        begin_run(path, options.out, named_files(scenario, path))
     seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
     plans: list[Plan] = []
     for seed in seeds:
@@ -91,7 +92,8 @@ def summary_lines(plan: Plan) -> list[str]:
     if plan.objective:
         first, last = plan.objective[0].value, plan.objective[-1].value
         count = len(plan.objective) - 1
-        lines.append(f"objective {first:.6g} -> {last:.6g} in {count} announcements")
+        fall = f"{first:.6g} -> {last:.6g} in {count} announcement{'s' if count > 1 else ''}"
+        lines.append(f"objective {fall if count else f'{last:.6g}'}")
     if plan.seconds:
         lines.append(
             "seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in plan.seconds.items())

@@ -1,12 +1,13 @@
 """A run folder: the scenario, the result, the record that figures are drawn from, figures.
 
-scenario.toml (or .yaml)   copy of what was run
+scenario.toml (or .yaml)   copy of what was run; with it what it names beside itself
 result.json                fgplan/io/result_file.py; valid at any moment
 record.json                RunRecord: paths, covariances, joined states, map
 *.png                      figures; ``fgplan plot`` draws them again from record.json
 """
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ FIGURES = ("candidate_paths", "chosen_paths", "objective", "impacted_paths_[0-9]
 """Names of the figures that a run draws, as patterns."""
 
 
-def begin_run(scenario: Path, folder: Path) -> Path:
+def begin_run(scenario: Path, folder: Path, beside: Sequence[Path] = ()) -> Path:
     """Copy a scenario file into a run folder; what an earlier run left for figures goes.
 
     Without this a run with fewer figures, or one that ends early, would leave those of the earlier
@@ -33,6 +34,8 @@ def begin_run(scenario: Path, folder: Path) -> Path:
     Args:
         scenario: The file that is run.
         folder: The run folder.
+        beside: Files that the scenario names, relative to its folder (``named_files``); copied
+            under the same names, so that the copy runs again.
 
     Returns:
         The copy, ``scenario`` with the file's suffix.
@@ -45,11 +48,19 @@ def begin_run(scenario: Path, folder: Path) -> Path:
         for name in (RECORD, *(f"{figure}.png" for figure in FIGURES)):
             for earlier in folder.glob(name):
                 earlier.unlink()
-        if not (copy.exists() and copy.samefile(scenario)):
-            shutil.copyfile(scenario, copy)
+        _copy(scenario, copy)
+        for named in beside:
+            (folder / named).parent.mkdir(parents=True, exist_ok=True)
+            _copy(scenario.parent / named, folder / named)
     except OSError as error:
         raise InvalidInputError(f"{copy}: expected a place to write to: {error}") from error
     return copy
+
+
+def _copy(source: Path, copy: Path) -> None:
+    """Copy a file, unless it is the same."""
+    if not (copy.exists() and copy.samefile(source)):
+        shutil.copyfile(source, copy)
 
 
 def write_record(folder: Path, record: RunRecord) -> Path:
