@@ -9,7 +9,6 @@ import numpy as np
 
 import fgplan
 import roadmaps
-from fgplan.planners.impacted_paths.candidates import candidate_path
 
 # The belief at planning time is an ordinary GTSAM graph with values.
 ANN, BOB = gtsam.symbol("a", 0), gtsam.symbol("b", 0)
@@ -37,11 +36,8 @@ roadmap = roadmaps.build_prm(yard, 300, rng, required_positions=corners)
 motion = fgplan.MotionModel(sigmas=[0.02, 0.02, 0.002], per_metre=[0.03, 0.03, 0.002])
 candidates = {}
 for name, key, start, goal in (("ann", ANN, 0, 1), ("bob", BOB, 2, 3)):
-    robot = fgplan.MissionRobot(name=name, start_key=key, goals=corners[goal], motion=motion)
-    candidates[name] = [
-        candidate_path(robot, prior.pose(key), path)
-        for path in roadmaps.find_candidate_paths(roadmap, start, goal, 10)
-    ]
+    ways = roadmaps.find_candidate_paths(roadmap, start, goal, 10)
+    candidates[name] = fgplan.make_candidate_paths(name, prior.pose(key), ways, motion)
 
 # What all robots know alike, and what they minimise: path length and uncertainty at the goal.
 problem = fgplan.PlanningProblem(
@@ -55,19 +51,15 @@ problem = fgplan.PlanningProblem(
         ),
     ),
 )
-agreement = fgplan.coordinate(problem, candidates, fgplan.Incremental())
+agreement = fgplan.coordinate(problem, candidates)
 
 together = fgplan.candidate_belief(problem, agreement.paths)
-belief = together.belief()
 for name, path in agreement.paths.items():
-    alone = fgplan.candidate_belief(problem, {name: path}).belief()
-    goal_key = together.key(name, path.steps)
-    sigma, sigma_alone = (
-        np.sqrt(np.trace(known.covariance(goal_key)[:2, :2])) for known in (belief, alone)
-    )
+    alone = fgplan.candidate_belief(problem, {name: path})
     print(
         f"{name}: candidate {agreement.chosen[name]} of {len(candidates[name])}, "
         f"{path.length_m:.1f} m (shortest {candidates[name][0].length_m:.1f} m); "
-        f"position on arrival {sigma:.2f} m, without the team {sigma_alone:.2f} m (1 sigma)"
+        f"position on arrival {together.position_sigma_m(name):.2f} m, without the team "
+        f"{alone.position_sigma_m(name):.2f} m (1 sigma)"
     )
 print("objective by announcement:", " -> ".join(f"{value:.3f}" for value in agreement.values))

@@ -13,8 +13,6 @@ import numpy as np
 
 import fgplan
 import roadmaps
-from fgplan.planners.impacted_paths.candidates import candidate_sets
-from fgplan.planners.impacted_paths.options import CandidateOptions
 
 SCENARIO = Path(__file__).parent / "scenarios" / "rooms.toml"
 
@@ -38,11 +36,8 @@ class InSight:
 
 
 mission = fgplan.load_mission(SCENARIO)
-sets = candidate_sets(
-    mission,
-    CandidateOptions(candidates=12, vertices=2500, neighbours=16),
-    np.random.default_rng(mission.seed),
-)
+options = fgplan.CandidateOptions(candidates=12, vertices=2500, neighbours=16)
+sets = fgplan.candidate_sets(mission, options)
 for name, criterion in (
     ("nearer than 6 m", fgplan.DistanceCriterion(6.0)),
     ("nearer than 6 m, within 10 s, in sight", InSight(mission.workspace, 6.0)),
@@ -50,14 +45,12 @@ for name, criterion in (
     sensor = fgplan.RelativePoseSensor(covariance=np.diag([0.1, 0.1, 0.01]) ** 2)
     model = fgplan.MultiRobotModel(criterion=criterion, sensor=sensor)
     problem = replace(sets.problem, multi_robot=(model,))
-    agreement = fgplan.coordinate(problem, sets.candidates, fgplan.Incremental())
+    agreement = fgplan.coordinate(problem, sets.candidates)
     joint = fgplan.candidate_belief(problem, agreement.paths)
     kinds = Counter(planned.identity.kind for planned in joint.factors)
     print(f"{name}: objective {agreement.value:.2f}, {kinds['multi_robot']} factors between robots")
-    belief = joint.belief()
     for robot, path in agreement.paths.items():
-        covariance = belief.covariance(joint.key(robot, path.steps))
         print(
             f"  {robot}: candidate {agreement.chosen[robot]}, {path.length_m:.1f} m, "
-            f"position on arrival {np.sqrt(np.trace(covariance[:2, :2])):.2f} m (1 sigma)"
+            f"position on arrival {joint.position_sigma_m(robot):.2f} m (1 sigma)"
         )

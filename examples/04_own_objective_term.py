@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 
 import fgplan
-from fgplan.planners.impacted_paths.candidates import candidate_sets
-from fgplan.planners.impacted_paths.options import CandidateOptions
 
 SCENARIO = Path(__file__).parent / "scenarios" / "two_robots.toml"
 DOCK = np.array([30.0, 10.0])
@@ -53,11 +51,10 @@ def objective(robots: tuple[str, ...], dock_weight: float) -> fgplan.Objective:
 
 
 mission = fgplan.load_mission(SCENARIO)
-rng = np.random.default_rng(mission.seed)
-sets = candidate_sets(mission, CandidateOptions(candidates=40), rng)
+sets = fgplan.candidate_sets(mission, fgplan.CandidateOptions(candidates=40))
 for dock_weight in (0.0, 0.5):
     problem = replace(sets.problem, objective=objective(sets.problem.robots, dock_weight))
-    agreement = fgplan.coordinate(problem, sets.candidates, fgplan.Incremental())
+    agreement = fgplan.coordinate(problem, sets.candidates)
     print(f"one second near the dock costs {dock_weight}: objective {agreement.value:.3f}")
     for robot, path in agreement.paths.items():
         print(

@@ -12,15 +12,11 @@ import gtsam
 import numpy as np
 
 import fgplan
-from fgplan.factors.keys import describe_key
-from fgplan.planners.impacted_paths.candidates import candidate_sets
-from fgplan.planners.impacted_paths.options import CandidateOptions
 
 SCENARIO = Path(__file__).parent / "scenarios" / "two_robots.toml"
 
 mission = fgplan.load_mission(SCENARIO)
-rng = np.random.default_rng(mission.seed)
-sets = candidate_sets(mission, CandidateOptions(candidates=10), rng)
+sets = fgplan.candidate_sets(mission, fgplan.CandidateOptions(candidates=10))
 terms = tuple(fgplan.UncertaintyTerm(of=fgplan.PosesOf((name,))) for name in ("ann", "bob"))
 problem = replace(sets.problem, objective=fgplan.Objective(terms))
 
@@ -37,7 +33,7 @@ print(f"{joint.graph.size()} factors, {joint.values.size()} variables, planned o
 for kind, count in Counter(planned.identity.kind for planned in joint.factors).items():
     print(f"  {kind}: {count}")
 meeting = next(planned for planned in joint.factors if planned.identity.kind == "multi_robot")
-names = " and ".join(describe_key(key) for key in meeting.identity.variables)
+names = " and ".join(fgplan.describe_key(key) for key in meeting.identity.variables)
 print(f"first meeting: {type(meeting.factor).__name__} between {names} (robot.step)")
 
 # Your own GTSAM code: optimise (the planned measurements fit, so nothing moves) and read marginals.
@@ -45,8 +41,7 @@ solved = gtsam.LevenbergMarquardtOptimizer(joint.graph, joint.values).optimize()
 marginals = gtsam.Marginals(joint.graph, solved)
 print(f"error at the planned poses {joint.graph.error(joint.values):.1e}")
 for place, robot in enumerate(("ann", "bob")):
-    goal = joint.key(robot, len(joint.keys[robot]) - 1)
-    by_gtsam = np.trace(marginals.marginalCovariance(goal)[:2, :2])
+    by_gtsam = np.trace(marginals.marginalCovariance(joint.key(robot))[:2, :2])
     by_fgplan = evaluations.terms[evaluations.best, place]
     print(
         f"{robot}: trace on arrival {by_fgplan:.9f} m2, gtsam.Marginals {by_gtsam:.9f} m2, "
@@ -62,5 +57,5 @@ with_gps = gtsam.NonlinearFactorGraph(joint.graph)
 with_gps.add(gps)
 belief = fgplan.Belief(with_gps, joint.values)
 for robot in ("ann", "bob"):
-    covariance = belief.covariance(joint.key(robot, len(joint.keys[robot]) - 1))
+    covariance = belief.covariance(joint.key(robot))
     print(f"{robot}: trace on arrival {np.trace(covariance[:2, :2]):.6f} m2, with Ann's GPS")

@@ -11,14 +11,11 @@ from pathlib import Path
 import numpy as np
 
 import fgplan
-from fgplan.planners.impacted_paths.candidates import candidate_sets
-from fgplan.planners.impacted_paths.options import CandidateOptions
 
 SCENARIO = Path(__file__).parent / "scenarios" / "yard.toml"
 
 mission = fgplan.load_mission(SCENARIO)
-rng = np.random.default_rng(mission.seed)
-sets = candidate_sets(mission, CandidateOptions(candidates=20, vertices=300), rng)
+sets = fgplan.candidate_sets(mission, fgplan.CandidateOptions(candidates=20, vertices=300))
 problem, (ann, bob, cid) = sets.problem, sets.candidates.values()
 
 # The evaluator's state is a value: it goes in, and comes back with what is worth keeping.

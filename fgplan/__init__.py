@@ -3,9 +3,10 @@
 Names are imported when they are first used, so that `import fgplan` is quick and pulls in nothing
 that is not needed. Roadmaps and maps are in the package `roadmaps`.
 
-A plan in four lines:
+A plan:
 
     import fgplan, numpy as np
+
     mission = fgplan.load_mission("examples/scenarios/two_robots.toml")
     planner = fgplan.find_planner("impacted_paths")
     plan = planner.plan(mission, np.random.default_rng(mission.seed))
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
     from fgplan.evaluation.objective import length_and_uncertainty as length_and_uncertainty
     from fgplan.evaluation.problem import PastState as PastState
     from fgplan.evaluation.problem import PlanningProblem as PlanningProblem
+    from fgplan.evaluation.registry import find_evaluator as find_evaluator
+    from fgplan.factors.keys import describe_key as describe_key
     from fgplan.io.g2o import G2oGraph as G2oGraph
     from fgplan.io.g2o import read_g2o as read_g2o
     from fgplan.io.g2o import write_g2o as write_g2o
@@ -54,11 +57,15 @@ if TYPE_CHECKING:
     from fgplan.io.result_file import read_result as read_result
     from fgplan.io.result_file import write_result as write_result
     from fgplan.models.motion import MotionModel as MotionModel
+    from fgplan.models.pose import compose as compose
+    from fgplan.models.pose import position as position
+    from fgplan.models.pose import rotation_matrix as rotation_matrix
     from fgplan.models.range_bearing import BearingRangeSensor as BearingRangeSensor
     from fgplan.models.range_bearing import BearingSensor as BearingSensor
     from fgplan.models.range_bearing import RangeSensor as RangeSensor
     from fgplan.models.relative_pose import RelativePoseSensor as RelativePoseSensor
     from fgplan.models.sensor import AbstractSensor as AbstractSensor
+    from fgplan.models.sensor_check import check_sensor as check_sensor
     from fgplan.models.uncertainty import UncertaintyFunction as UncertaintyFunction
     from fgplan.models.uncertainty import register_uncertainty as register_uncertainty
     from fgplan.models.uncertainty import uncertainty_function as uncertainty_function
@@ -67,10 +74,18 @@ if TYPE_CHECKING:
     from fgplan.paths.multi_robot import Criterion as Criterion
     from fgplan.paths.multi_robot import DistanceCriterion as DistanceCriterion
     from fgplan.paths.multi_robot import MultiRobotModel as MultiRobotModel
+    from fgplan.paths.path_making import make_candidate_paths as make_candidate_paths
     from fgplan.paths.state import State as State
+    from fgplan.planners.impacted_paths.candidates import CandidateSets as CandidateSets
+    from fgplan.planners.impacted_paths.candidates import candidate_sets as candidate_sets
+    from fgplan.planners.impacted_paths.options import CandidateOptions as CandidateOptions
+    from fgplan.planners.impacted_paths.options import read_options as read_options
+    from fgplan.planners.impacted_paths.planner import pose_covariances as pose_covariances
+    from fgplan.planners.impacted_paths.planner import robot_plans as robot_plans
     from fgplan.planners.mission import Mission as Mission
     from fgplan.planners.mission import MissionRobot as MissionRobot
     from fgplan.planners.mission import MissionTarget as MissionTarget
+    from fgplan.planners.plan import ObjectiveValue as ObjectiveValue
     from fgplan.planners.plan import Plan as Plan
     from fgplan.planners.plan import RobotPlan as RobotPlan
     from fgplan.planners.planner import AbstractPlanner as AbstractPlanner
@@ -98,7 +113,9 @@ MODULE_OF = {
     "BearingSensor": "fgplan.models.range_bearing",
     "Belief": "fgplan.beliefs.belief",
     "CandidateBelief": "fgplan.beliefs.candidate_belief",
+    "CandidateOptions": "fgplan.planners.impacted_paths.options",
     "CandidatePath": "fgplan.paths.candidate_path",
+    "CandidateSets": "fgplan.planners.impacted_paths.candidates",
     "CoordinationOptions": "fgplan.team.options",
     "Criterion": "fgplan.paths.multi_robot",
     "DistanceCriterion": "fgplan.paths.multi_robot",
@@ -121,7 +138,9 @@ MODULE_OF = {
     "NetworkFaults": "fgplan.team.in_process",
     "NoCandidatePathError": "fgplan.errors",
     "Objective": "fgplan.evaluation.objective",
+    "ObjectiveValue": "fgplan.planners.plan",
     "Observation": "fgplan.paths.candidate_path",
+    "OptionError": "fgplan.errors",
     "PastState": "fgplan.evaluation.problem",
     "PathLengthTerm": "fgplan.evaluation.objective",
     "PathTerm": "fgplan.evaluation.objective",
@@ -133,7 +152,6 @@ MODULE_OF = {
     "ReevaluationReport": "fgplan.evaluation.evaluations",
     "RelativePoseSensor": "fgplan.models.relative_pose",
     "RobotPlan": "fgplan.planners.plan",
-    "OptionError": "fgplan.errors",
     "ScenarioError": "fgplan.errors",
     "StaleAnnouncementError": "fgplan.errors",
     "State": "fgplan.paths.state",
@@ -146,14 +164,25 @@ MODULE_OF = {
     "UnknownNameError": "fgplan.errors",
     "World": "fgplan.simulation.world",
     "candidate_belief": "fgplan.beliefs.candidate_belief",
+    "candidate_sets": "fgplan.planners.impacted_paths.candidates",
+    "check_sensor": "fgplan.models.sensor_check",
+    "compose": "fgplan.models.pose",
     "coordinate": "fgplan.team.coordination",
+    "describe_key": "fgplan.factors.keys",
+    "find_evaluator": "fgplan.evaluation.registry",
     "find_planner": "fgplan.planners.registry",
     "length_and_uncertainty": "fgplan.evaluation.objective",
     "load_mission": "fgplan.io.mission_file",
+    "make_candidate_paths": "fgplan.paths.path_making",
+    "pose_covariances": "fgplan.planners.impacted_paths.planner",
+    "position": "fgplan.models.pose",
     "read_g2o": "fgplan.io.g2o",
+    "read_options": "fgplan.planners.impacted_paths.options",
     "read_result": "fgplan.io.result_file",
     "register_planner": "fgplan.planners.registry",
     "register_uncertainty": "fgplan.models.uncertainty",
+    "robot_plans": "fgplan.planners.impacted_paths.planner",
+    "rotation_matrix": "fgplan.models.pose",
     "run_sweep": "fgplan.simulation.sweep",
     "simulate": "fgplan.simulation.simulate",
     "uncertainty_function": "fgplan.models.uncertainty",

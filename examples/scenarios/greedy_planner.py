@@ -4,13 +4,11 @@ A planner is any class with a `name` and `plan(mission, generator, progress)` th
 `fgplan.Plan`. A scenario names it as "module:object"; the scenario's folder is searched first.
 """
 
+import dataclasses
+
 import numpy as np
 
 import fgplan
-from fgplan.planners.impacted_paths.candidates import candidate_sets
-from fgplan.planners.impacted_paths.options import CandidateOptions, read_options
-from fgplan.planners.impacted_paths.planner import pose_covariances, robot_plans
-from fgplan.planners.plan import ObjectiveValue
 
 
 class GreedyPlanner:
@@ -20,10 +18,10 @@ class GreedyPlanner:
 
     def plan(self, mission, generator: np.random.Generator, progress=None) -> fgplan.Plan:
         """Plan for every robot; options come from the scenario's table of this planner."""
-        options = read_options(CandidateOptions, mission.options, self.name)
-        sets = candidate_sets(mission, options, generator)
+        options = fgplan.read_options(fgplan.CandidateOptions, mission.options, self.name)
+        sets = fgplan.candidate_sets(mission, options, generator)
         evaluator = fgplan.Incremental()
-        announced, chosen, objective = {}, {}, []
+        announced, chosen, value = {}, {}, np.nan
         for robot in sets.problem.robots:
             if progress is not None:
                 progress(len(announced), len(mission.robots), "robots")
@@ -31,13 +29,14 @@ class GreedyPlanner:
             _, evaluations = evaluator.evaluate(state, announced)
             chosen[robot] = evaluations.best
             announced[robot] = sets.candidates[robot][evaluations.best]
-            objective = [ObjectiveValue(0, robot, float(evaluations.values[evaluations.best]))]
-        known = pose_covariances(sets.problem, announced)
+            value = float(evaluations.values[evaluations.best])
+        known = fgplan.pose_covariances(sets.problem, announced)
         return fgplan.Plan(
             planner=self.name,
             mission=mission.name,
             scenario_digest=mission.digest,
             seed=mission.seed,
-            robots=robot_plans(mission, sets, announced, chosen, known),
-            objective=tuple(objective),
+            robots=fgplan.robot_plans(mission, sets, announced, chosen, known),
+            objective=(fgplan.ObjectiveValue(0, "", value),),
+            options=dataclasses.asdict(options),
         )
