@@ -7,7 +7,6 @@ With h = x1^-1 x2 and noise in the tangent of x2, the whitened Jacobians at zero
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fgplan.checks import check_covariance
 from fgplan.errors import InvalidInputError
@@ -36,8 +35,8 @@ class RelativePoseSensor:
 
     def whitening(self) -> Jacobian:
         """W with W'W = covariance^-1, lower triangular, shape (d, d)."""
-        lower = np.linalg.cholesky(self.covariance)
-        return solve_triangular(lower, np.eye(len(lower)), lower=True)
+        weight: Jacobian = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        return weight
 
     def linearise_between(self, pose: Pose, other: Pose) -> tuple[Jacobian, Jacobian]:
         """Whitened Jacobians of h = pose^-1 other at zero error: -W Ad(h^-1) and W.

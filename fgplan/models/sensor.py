@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
@@ -193,7 +192,8 @@ def whiten(covariance: Covariance, *blocks: Jacobian) -> tuple[Jacobian, ...]:
         raise InvalidInputError(
             f"sensor noise: expected a positive definite covariance, got {np.asarray(covariance)}"
         ) from error
-    return tuple(solve_triangular(lower, block, lower=True) for block in blocks)
+    weight = np.linalg.inv(lower)
+    return tuple(weight @ block for block in blocks)
 
 
 def check_view(sensor: AbstractSensor) -> None:

@@ -190,20 +190,18 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
     while capacity < longest:
         capacity *= 2
     fresh = Numbering(numbering.robots, capacity, tuple(keys))
+    grown = replace(memory, wide=wide, numbering=fresh, prior=restrict(wide, fresh.prior_keys))
+    if capacity == numbering.capacity:  # new variables come last: all other numbers still hold
+        return grown
     table = memory.table
     grown = replace(
-        memory,
-        wide=wide,
-        numbering=fresh,
-        prior=restrict(wide, fresh.prior_keys),
+        grown,
         fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
         own_pieces={r: (p, path_blocks(problem, fresh, p)) for r, p in memory.announced.items()},
         meetings=_meetings(problem, fresh, memory.announced),
+        pools=(),
     )
-    if capacity == numbering.capacity:
-        return grown
-    moving = _moving(grown, memory.announced)
-    return replace(grown, moving=moving, pools=())
+    return replace(grown, moving=_moving(grown, memory.announced))
 
 
 def _meetings(

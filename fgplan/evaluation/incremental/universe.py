@@ -32,7 +32,7 @@ from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.typing import Covariance, FloatArray, IntArray
 
-CANCELLATION_LIMIT = 1e-5
+CANCELLATION_LIMIT = 1e-4
 """A squared pivot below this share of its diagonal entry has lost too many digits."""
 
 

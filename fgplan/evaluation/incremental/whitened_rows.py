@@ -15,7 +15,7 @@ from fgplan.evaluation.incremental.factor_blocks import joint_rows, observation_
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.problem import PlanningProblem
-from fgplan.models.relative_pose import RelativePoseSensor
+from fgplan.models.pose import adjoint, between
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, IntArray
 
@@ -73,9 +73,10 @@ def path_rows(
     for step in range(1, path.steps + 1):
         if at[step] < 0:
             break
-        motion = RelativePoseSensor(covariance=path.motion_covariances[step - 1])
-        by_old, by_new = motion.linearise_between(path.poses[step - 1], path.poses[step])
-        factors.append([(at[step - 1], by_old), (at[step], by_new)])
+        before, after = path.poses[step - 1], path.poses[step]
+        weight = np.linalg.inv(np.linalg.cholesky(path.motion_covariances[step - 1]))
+        by_old = -weight @ adjoint(between(after, before))
+        factors.append([(at[step - 1], by_old), (at[step], weight)])
         seen = [o for o in path.observations if o.step == step]
         rows = observation_rows(problem, path.poses[step], seen, numbering.prior)
         factors += [[(at[step], own), (int(column[v]), other)] for v, own, other in rows]
