@@ -21,14 +21,13 @@ from fgplan.models.motion import MotionModel
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
+from fgplan.paths.path_making import make_candidate_paths
 from fgplan.typing import FloatArray
 from roadmaps import (
     KNearest,
-    VertexPath,
     Workspace,
     build_prm,
     find_perturbed_paths,
-    headings,
     read_roadmap,
 )
 
@@ -59,7 +58,7 @@ class OpenWorld:
     workspace: Workspace
     roadmap: object
     problem: PlanningProblem
-    candidates: dict[str, list[CandidatePath]]
+    candidates: dict[str, tuple[CandidatePath, ...]]
     starts: FloatArray
     goals: FloatArray
 
@@ -100,13 +99,13 @@ def draw_world(
     motion = MotionModel(sigmas=np.array(STEP_SIGMAS), speed_m_per_s=SPEED_M_PER_S)
     matrix = read_roadmap(roadmap)
     paths = {
-        name: paths_of(
-            problem,
+        name: make_candidate_paths(
             name,
-            motion,
+            problem.prior.pose(problem.start_keys[name]),
             find_perturbed_paths(
                 matrix, index, robots + index, candidates, generator, spread=SPREAD
             ),
+            motion,
         )
         for index, name in enumerate(names)
     }
@@ -121,29 +120,6 @@ def _positions(
     lane = WIDTH_M / robots
     x = lane * (np.arange(robots) + 0.4 + 0.2 * share) if lanes else WIDTH_M * share
     return np.column_stack([x, generator.uniform(*strip, robots)])
-
-
-def paths_of(
-    problem: PlanningProblem, robot: str, motion: MotionModel, found: Sequence[VertexPath]
-) -> list[CandidatePath]:
-    """Turn paths over a roadmap into candidate paths that start from the prior's pose."""
-    start = problem.prior.pose(problem.start_keys[robot])
-    paths = []
-    for path in found:
-        poses = np.column_stack([path.positions, headings(path, first_heading_rad=start[2])])
-        poses[0] = start
-        way = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
-        paths.append(
-            CandidatePath(
-                robot=robot,
-                poses=poses,
-                times_s=np.concatenate([[0.0], np.cumsum(way)]) / motion.speed_m_per_s,
-                motion_covariances=motion.covariances(poses),
-                vertices=path.vertices,
-                length_m=path.length_m,
-            )
-        )
-    return paths
 
 
 def _problem(names: Sequence[str], starts: FloatArray, criterion_m: float) -> PlanningProblem:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fgplan.errors import InvalidInputError
 from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import (
     FactorBlocks,
@@ -138,22 +137,13 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
         The turn, with new memory.
     """
     problem = memory.problem
+    problem.check_announced(announced)
     new = {r: announced[r] for r in problem.robots if r != memory.robot and r in announced}
-    for robot in announced:
-        if robot not in problem.start_keys:
-            known = ", ".join(problem.robots)
-            raise InvalidInputError(f"announced path of {robot!r}: expected one of {known}")
-    for robot, path in new.items():
-        if path.robot != robot:
-            raise InvalidInputError(
-                f"announced path of robot {robot!r}: got a path of robot {path.robot!r}"
-            )
     old = memory.announced
     changed = tuple(
         r for r in problem.robots if r != memory.robot and not same_path(old.get(r), new.get(r))
     )
     new = {r: path if r in changed else old[r] for r, path in new.items()}
-    problem.check_paths([new[robot] for robot in changed if robot in new])
     grown = _grow(memory, new, changed)
     own = {r: grown.own_pieces[r] for r in new if r in grown.own_pieces and r not in changed}
     for robot in new:

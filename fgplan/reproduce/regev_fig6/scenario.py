@@ -17,9 +17,9 @@ from fgplan.bench.open_world import (
     STEP_SIGMAS,
     OpenWorld,
     draw_world,
-    paths_of,
 )
 from fgplan.models.motion import MotionModel
+from fgplan.paths.path_making import make_candidate_paths
 from fgplan.typing import FloatArray
 from roadmaps import RoadmapMatrix, find_perturbed_paths, read_roadmap
 
@@ -66,10 +66,9 @@ class Scenario:
         motion = MotionModel(sigmas=np.array(STEP_SIGMAS), speed_m_per_s=SPEED_M_PER_S)
         problem = self.world.problem
         paths = {
-            name: paths_of(
-                problem,
+            name: make_candidate_paths(
                 name,
-                motion,
+                problem.prior.pose(problem.start_keys[name]),
                 find_perturbed_paths(
                     self.matrix,
                     index,
@@ -78,6 +77,7 @@ class Scenario:
                     np.random.default_rng((number, index)),
                     spread=SPREAD,
                 ),
+                motion,
             )
             for index, name in enumerate(self.robots)
         }
