@@ -306,7 +306,7 @@ def test_bad_input_is_named():
     with pytest.raises(UnknownNameError, match="'nobody'"):
         ENGINE.start(problem, "nobody", [replace(mine, robot="nobody")])
     memory, first = ENGINE.evaluate(ENGINE.start(problem, "a", [mine]), {"b": theirs})
-    with pytest.raises(InvalidInputError, match=r"'nobody'.*expected one of a, b, c"):
+    with pytest.raises(UnknownNameError, match=r"'nobody'.*expected one of a, b, c"):
         ENGINE.evaluate(memory, {"nobody": theirs})
     with pytest.raises(InvalidInputError, match=r"'c'.*got a path of robot 'b'"):
         ENGINE.evaluate(memory, {"c": theirs})
