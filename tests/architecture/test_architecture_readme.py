@@ -46,3 +46,10 @@ def test_versions_and_extras_agree():
     assert {"all", "test"} <= set(project["optional-dependencies"])
     assert citation.count("  - type: ") >= 4
     assert project["scripts"]["fgplan"] == "fgplan.cli:main"
+
+
+def test_python_that_readme_shows_runs(capsys):
+    text = (ROOT / "README.md").read_text("utf-8")
+    (shown,) = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    exec(compile(shown, "README.md", "exec"), {})
+    assert "'ann'" in capsys.readouterr().out
