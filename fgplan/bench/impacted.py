@@ -136,6 +136,7 @@ def _results(
             for name in EXACT
             for seed in agreements[name]
         ),
+        "agreed_as_published": all(a.agreed for a in agreements["as_published"].values()),
         "same_choices_as_published": all(
             a.chosen == ours[seed].chosen for seed, a in agreements["as_published"].items()
         ),

@@ -52,13 +52,14 @@ def eliminate_history(problem: PlanningProblem, touched: Iterable[Key]) -> Prior
         that may be met as well, unless they are too many.
     """
     prior = problem.prior
-    needed = needed_keys(problem, touched)
-    wide = dict.fromkeys(needed)
+    # the same order for every robot of a team: the belief then remembers one elimination for all
+    wide = dict.fromkeys(needed_keys(problem, ()))
     wide.update(dict.fromkeys(key for key in prior.keys if prior.kinds[key].startswith("Point")))
     wide.update(dict.fromkeys(past.key for past in problem.past_states))
+    wide.update(dict.fromkeys(touched))
     keys = tuple(wide)
     if sum(prior.dim(key) for key in keys) > KEPT_SCALARS:
-        keys = needed
+        keys = needed_keys(problem, touched)
     return _marginal(keys, [prior.dim(key) for key in keys], prior.square_root_information(keys))
 
 
