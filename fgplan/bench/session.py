@@ -32,6 +32,7 @@ class Contestant:
     exact: bool = True
 
 
+EXACT_TURNS = 10_000
 INEXACT_TURNS = 15
 """Turns a robot after which a session with inexact values is given up."""
 
@@ -59,8 +60,12 @@ def plan_session(world: OpenWorld, contestant: Contestant, digest: str) -> tuple
     """
     # the published algorithms may announce the same paths again and again: values that are not
     # exact need not fall
-    turns = {} if contestant.exact else {"max_turns": INEXACT_TURNS * len(world.candidates)}
-    options = CoordinationOptions(choose=contestant.choose, check_values=contestant.exact, **turns)
+    turns = INEXACT_TURNS * len(world.candidates)
+    options = CoordinationOptions(
+        choose=contestant.choose,
+        check_values=contestant.exact,
+        max_turns=EXACT_TURNS if contestant.exact else turns,
+    )
     began = time.perf_counter()
     agreement = coordinate(
         world.problem, world.candidates, contestant.evaluator, options=options, prior_digest=digest
