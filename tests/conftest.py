@@ -6,6 +6,8 @@ hand: ``pytest --hypothesis-profile deep``).
 
 import os
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: see fgplan/threads.py
+
 import pytest
 from hypothesis import HealthCheck, settings
 

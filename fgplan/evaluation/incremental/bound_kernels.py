@@ -28,6 +28,26 @@ LOSS_LIMIT = 1e5
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
+def _add_planar(
+    cross: FloatArray, root: FloatArray, from_b: FloatArray, right: FloatArray, rows: FloatArray
+) -> None:
+    """Add A_i'A_v B to the right-hand side and sqrt(D)' B to the rows, for two planar poses."""
+    c00, c01, c02 = cross[0, 0], cross[0, 1], cross[0, 2]
+    c10, c11, c12 = cross[1, 0], cross[1, 1], cross[1, 2]
+    c20, c21, c22 = cross[2, 0], cross[2, 1], cross[2, 2]
+    r00, r10, r11 = root[0, 0], root[1, 0], root[1, 1]
+    r20, r21, r22 = root[2, 0], root[2, 1], root[2, 2]
+    for j in range(from_b.shape[1]):
+        b0, b1, b2 = from_b[0, j], from_b[1, j], from_b[2, j]
+        right[0, j] += c00 * b0 + c10 * b1 + c20 * b2
+        right[1, j] += c01 * b0 + c11 * b1 + c21 * b2
+        right[2, j] += c02 * b0 + c12 * b1 + c22 * b2
+        rows[0, j] = r00 * b0 + r10 * b1 + r20 * b2
+        rows[1, j] = r11 * b1 + r21 * b2
+        rows[2, j] = r22 * b2
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
 def _add_state(
     factors: FactorBlocks,
     s: int,
@@ -38,11 +58,11 @@ def _add_state(
     right: FloatArray,
     rows: FloatArray,
     used: int,
+    root: FloatArray,
 ) -> int:
     """Add one state's factors; returns the number of rows of sqrt(D) B used so far."""
     d = diagonal.shape[0]
     k = columns_b.shape[1]
-    root = np.empty((d, d))
     for m in range(factors.pointer[s], factors.pointer[s + 1]):
         v = factors.variable[m]
         col = column[v]
@@ -53,13 +73,6 @@ def _add_state(
             for b in range(d):
                 diagonal[a, b] += factors.own[m, a, b]
         for a in range(size):
-            from_b = columns_b[col + a]
-            for i in range(d):
-                weight = factors.cross[m, a, i]
-                target = right[i]
-                for j in range(k):
-                    target[j] += weight * from_b[j]
-        for a in range(size):
             for b in range(a + 1):
                 total = factors.other[m, a, b]
                 for t in range(b):
@@ -68,6 +81,17 @@ def _add_state(
                     root[a, a] = np.sqrt(total) if total > 1e-13 * factors.other[m, a, a] else 0.0
                 else:
                     root[a, b] = total / root[b, b] if root[b, b] > 0.0 else 0.0
+        if size == 3 and d == 3:  # one pass over j: short loops cost more than their work
+            _add_planar(factors.cross[m], root, columns_b[col : col + 3], right, rows[used:])
+            used += 3
+            continue
+        for a in range(size):
+            from_b = columns_b[col + a]
+            for i in range(d):
+                weight = factors.cross[m, a, i]
+                target = right[i]
+                for j in range(k):
+                    target[j] += weight * from_b[j]
         for a in range(size):
             target = rows[used + a]
             for j in range(k):
@@ -79,6 +103,41 @@ def _add_state(
                     target[j] += weight * from_b[j]
         used += size
     return used
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _forward(
+    i: int, carry: FloatArray, lower: FloatArray, right: FloatArray, chain_y: FloatArray
+) -> None:
+    """Rows of Y of pose i: L_ii^-1 (right - L_i,i-1 Y_i-1)."""
+    d, k = right.shape
+    if d == 3:  # one pass over j: short loops cost more than their work
+        c00, c01, c02 = carry[0, 0], carry[0, 1], carry[0, 2]
+        c10, c11, c12 = carry[1, 0], carry[1, 1], carry[1, 2]
+        c20, c21, c22 = carry[2, 0], carry[2, 1], carry[2, 2]
+        l10, l20, l21 = lower[1, 0], lower[2, 0], lower[2, 1]
+        s0, s1, s2 = 1.0 / lower[0, 0], 1.0 / lower[1, 1], 1.0 / lower[2, 2]
+        for j in range(k):
+            y0, y1, y2 = right[0, j], right[1, j], right[2, j]
+            if i > 0:
+                b0, b1, b2 = chain_y[3 * i - 3, j], chain_y[3 * i - 2, j], chain_y[3 * i - 1, j]
+                y0 -= c00 * b0 + c01 * b1 + c02 * b2
+                y1 -= c10 * b0 + c11 * b1 + c12 * b2
+                y2 -= c20 * b0 + c21 * b1 + c22 * b2
+            y0 *= s0
+            y1 = (y1 - l10 * y0) * s1
+            y2 = (y2 - l20 * y0 - l21 * y1) * s2
+            chain_y[3 * i, j], chain_y[3 * i + 1, j], chain_y[3 * i + 2, j] = y0, y1, y2
+        return
+    for a in range(d):
+        for j in range(k):
+            total = right[a, j]
+            if i > 0:
+                for t in range(d):
+                    total -= carry[a, t] * chain_y[(i - 1) * d + t, j]
+            for t in range(a):
+                total -= lower[a, t] * chain_y[i * d + t, j]
+            chain_y[i * d + a, j] = total / lower[a, a]
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -132,11 +191,11 @@ def lower_covariances(
         longest = max(longest, lengths[n])
     rows = np.empty((most * d + d + 1, k))
     chain_y = np.empty((longest * d, k))
+    root = np.empty((d, d))
     diagonal = np.empty((d, d))
     lower = np.empty((d, d))
     carry = np.empty((d, d))
     right = np.empty((d, k))
-    right_before = np.empty((d, k))
     information = np.empty((k, k))
     reads = np.empty((read, k))
     for n in range(candidates.shape[0]):
@@ -158,8 +217,10 @@ def lower_covariances(
                     for b in range(d):
                         for j in range(k):
                             right[a, j] += motion.cross[c, 0, a, b] * columns_b[start + b, j]
-            used = _add_state(fixed, s, column, width, columns_b, diagonal, right, rows, used)
-            used = _add_state(moving, s, column, width, columns_b, diagonal, right, rows, used)
+            used = _add_state(fixed, s, column, width, columns_b, diagonal, right, rows, used, root)
+            used = _add_state(
+                moving, s, column, width, columns_b, diagonal, right, rows, used, root
+            )
             if i > 0:
                 for a in range(d):
                     for b in range(d):
@@ -173,10 +234,6 @@ def lower_covariances(
                         for t in range(d):
                             total += carry[a, t] * carry[b, t]
                         diagonal[a, b] -= total
-                    for t in range(d):
-                        weight = carry[a, t]
-                        for j in range(k):
-                            right[a, j] -= weight * right_before[t, j]
             for a in range(d):
                 for b in range(a + 1):
                     total = diagonal[a, b]
@@ -189,17 +246,7 @@ def lower_covariances(
                         lower[a, a] = np.sqrt(total)
                     else:
                         lower[a, b] = total / lower[b, b]
-            for a in range(d):
-                for t in range(a):
-                    weight = lower[a, t]
-                    for j in range(k):
-                        right[a, j] -= weight * right[t, j]
-                for j in range(k):
-                    right[a, j] /= lower[a, a]
-            for a in range(d):
-                for j in range(k):
-                    chain_y[i * d + a, j] = right[a, j]
-                    right_before[a, j] = right[a, j]
+            _forward(i, carry, lower, right, chain_y)
         for a in range(d):
             for b in range(a + 1):
                 total = motion.early[c, 0, a, b]

@@ -95,7 +95,10 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
     seen = _observation_marks(observed, len(poses))
     marks = np.column_stack([seen, steps, times, vertices, poses.reshape(len(poses), -1)])
     flat, first = distinct_rows(marks.view(np.int64))
-    _, once = distinct_rows(np.ascontiguousarray(marks[:, 1:]).view(np.int64))
+    counted = np.ones(len(first), bool)
+    if observed:
+        _, once = distinct_rows(np.ascontiguousarray(marks[:, 1:]).view(np.int64))
+        counted = np.isin(first, once)
     states = np.full((len(paths), longest), -1, np.int64)
     states[inside] = flat
     owner = np.column_stack([np.repeat(np.arange(len(paths)), lengths), steps]).astype(np.int64)
@@ -106,8 +109,10 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
         owner=owner[first],
         poses=np.ascontiguousarray(poses[first]),
         vertices=vertices[first],
-        counted=np.isin(first, once),
-        observations=tuple(observed.get(at, ()) for at in first.tolist()),
+        counted=counted,
+        observations=tuple(observed.get(at, ()) for at in first.tolist())
+        if observed
+        else ((),) * len(first),
         motion=motion,
     )
 

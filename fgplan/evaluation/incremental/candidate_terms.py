@@ -135,10 +135,12 @@ def _at_the_end(
     size = int(cut.dims.sum())
     covariance = np.empty((len(subset), size, size))
     for pool in pools:
-        inside = np.isin(subset, pool.candidates[pool.live])
+        place = np.full(len(table.lengths), -1, np.int64)
+        place[pool.candidates[pool.live]] = np.flatnonzero(pool.live)
+        places = place[subset]
+        inside = places >= 0
         if inside.any():
-            places = np.searchsorted(pool.candidates, subset[inside])
-            covariance[inside] = _solved(turn, None, pool, places, columns, reads, work)
+            covariance[inside] = _solved(turn, None, pool, places[inside], columns, reads, work)
     return turn, _reorder(covariance, cut, memory.robot)
 
 

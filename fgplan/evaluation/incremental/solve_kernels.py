@@ -11,7 +11,7 @@ that are read have one joint covariance
 
 and J = L L' gives the covariance of what is read, given e, as L_Q L_Q': no inverse, no difference.
 A pivot says how many digits were lost on the way: if a diagonal entry was summed from terms more
-than 1e5 times the pivot, the candidate is flagged and evaluated by QR.
+than 1e4 times the pivot, the candidate is flagged and evaluated by QR.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ from fgplan.evaluation.incremental.cholesky_kernels import cholesky
 from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.typing import FloatArray, IntArray
 
-LOSS_LIMIT = 1e5
+LOSS_LIMIT = 1e4
 """Largest ratio of the terms of a diagonal entry to its pivot."""
 
 
