@@ -37,29 +37,29 @@ def others_path_terms(memory: Memory) -> FloatArray:
     return path_values(memory.problem, memory.announced, others)
 
 
-def candidate_terms(turn: Turn, subset: IntArray, work: Work) -> tuple[Turn, FloatArray]:
+def candidate_terms(turn: Turn, subset: IntArray, work: Work) -> FloatArray:
     """Unweighted terms of some candidates.
 
     Args:
-        turn: The turn.
+        turn: The turn; its memory keeps the messages that are built.
         subset: Shape (n,), indices of candidates, increasing.
         work: Counts, added to.
 
     Returns:
-        The turn with the messages built, and shape (n, T).
+        Shape (n, T).
     """
     memory = turn.memory
     values = memory.path_terms[subset] + others_path_terms(memory)
     if not len(subset):
-        return turn, values
+        return values
     steps = path_steps(memory.announced)
     lengths = memory.table.lengths[subset]
     if reads_only_the_end(memory.problem, memory.robot):
         if any(isinstance(term, UncertaintyTerm) for term in memory.problem.objective.terms):
             cut = turn.end_readings()
-            turn, covariance = _at_the_end(turn, cut, subset, work)
+            covariance = _at_the_end(turn, cut, subset, work)
             values += uncertainty_values(memory.problem, cut, covariance, memory.prior_blocks)
-        return turn, values
+        return values
     for length in np.unique(lengths).tolist():
         members = np.flatnonzero(lengths == length)
         for cut in objective_readings(memory.problem, {**steps, memory.robot: length}):
@@ -67,7 +67,7 @@ def candidate_terms(turn: Turn, subset: IntArray, work: Work) -> tuple[Turn, Flo
             values[members] += uncertainty_values(
                 memory.problem, cut, covariance, memory.prior_blocks
             )
-    return turn, values
+    return values
 
 
 def constant_terms(turn: Turn, robots: frozenset[str]) -> tuple[IntArray, FloatArray]:
@@ -110,9 +110,7 @@ def constant_terms(turn: Turn, robots: frozenset[str]) -> tuple[IntArray, FloatA
     return wanted, values
 
 
-def _at_the_end(
-    turn: Turn, cut: CutReadings, subset: IntArray, work: Work
-) -> tuple[Turn, FloatArray]:
+def _at_the_end(turn: Turn, cut: CutReadings, subset: IntArray, work: Work) -> FloatArray:
     """Joint covariances at the end of all paths; messages are kept for the next turn."""
     memory, table = turn.memory, turn.memory.table
     own = [ref for ref in cut.variables if _is_own(ref, memory.robot)]
@@ -129,7 +127,7 @@ def _at_the_end(
             table, memory.fixed, memory.moving, universe, fresh, table.lengths[fresh], reads[fresh]
         )
         pools = (*pools, pool)
-        turn = replace(turn, memory=replace(memory, pools=pools))
+        turn.memory = replace(memory, pools=pools)
     work.rebuilt += len(fresh)
     work.reused += len(subset) - len(fresh)
     size = int(cut.dims.sum())
@@ -141,7 +139,7 @@ def _at_the_end(
         inside = places >= 0
         if inside.any():
             covariance[inside] = _solved(turn, None, pool, places[inside], columns, reads, work)
-    return turn, _reorder(covariance, cut, memory.robot)
+    return _reorder(covariance, cut, memory.robot)
 
 
 def _at_a_cut(

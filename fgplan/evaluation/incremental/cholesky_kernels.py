@@ -1,32 +1,10 @@
-"""Compiled: Cholesky factors in place, by rows where small and by LAPACK where large."""
+"""Compiled: Cholesky factors of full matrices and of those with a skyline."""
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from fgplan.typing import FloatArray, IntArray
-
-SMALL = 48
-"""Up to this many rows the plain loop is as fast as LAPACK."""
-
-
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def cholesky_rows(matrix: FloatArray, size: int) -> bool:
-    """Cholesky factor of the leading rows, by rows; see ``cholesky``."""
-    for j in range(size):
-        row_j = matrix[j]
-        for i in range(j):
-            row_i = matrix[i]
-            total = row_j[i]
-            for k in range(i):
-                total -= row_j[k] * row_i[k]
-            row_j[i] = total / row_i[i]
-        total = row_j[j]
-        for k in range(j):
-            total -= row_j[k] * row_j[k]
-        if not total > 0.0:
-            return False
-        row_j[j] = np.sqrt(total)
-    return True
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -75,22 +53,17 @@ def inverse_skyline(lower: FloatArray, first: IntArray) -> FloatArray:
 
 
 @njit(cache=True)
-def cholesky(matrix: FloatArray, size: int) -> bool:
-    """Cholesky factor of the leading ``size`` rows, lower triangle in place.
+def cholesky(matrix: FloatArray) -> tuple[bool, NDArray[np.floating]]:
+    """Cholesky factor by LAPACK, which is as fast as a loop where small and faster where large.
 
     Args:
-        matrix: Shape (n, n), symmetric, n >= size; only the lower triangle is read and written.
-        size: Rows to factor.
+        matrix: Shape (n, n), symmetric; only the lower triangle is read.
 
     Returns:
-        False where a pivot is not positive; the matrix is then of no use.
+        Whether all pivots are positive, and the lower factor; an empty one where they are not.
     """
-    if size <= SMALL:
-        return cholesky_rows(matrix, size)
     try:
-        factor = np.linalg.cholesky(np.ascontiguousarray(matrix[:size, :size]))
+        factor = np.linalg.cholesky(matrix)
     except Exception:  # noqa: BLE001 - compiled code knows no narrower class
-        return False
-    for i in range(size):
-        matrix[i, : i + 1] = factor[i, : i + 1]
-    return True
+        return False, np.zeros((0, 0)).T
+    return True, factor

@@ -53,6 +53,9 @@ from fgplan.typing import BoolArray, FloatArray
 FIRST_CAPACITY = 64
 """Steps an announced path may have before variables are numbered anew."""
 
+CHEAP_BATCH = 8
+"""The same where candidates are cheap: this many over the number of other robots."""
+
 FIRST_BATCH = 3
 """Candidates evaluated exactly before the bound is used; later batches are twice as large."""
 
@@ -179,9 +182,9 @@ class Incremental:
         turn = begin_turn(memory, announced)
         work = Work()
         terms, known = _carried_over(turn)
-        turn = _with_usable_pools(turn)
+        _drop_stale_pools(turn)
         missing = np.flatnonzero(~known)
-        turn, terms[missing] = candidate_terms(turn, missing, work)
+        terms[missing] = candidate_terms(turn, missing, work)
         after = self._remember(turn, terms)
         report = _report(turn, after, work, known, ())
         values = weigh(memory.problem, terms)
@@ -222,7 +225,7 @@ class Incremental:
         turn = begin_turn(memory, announced)
         work = Work()
         terms, known = _carried_over(turn)
-        turn = _with_usable_pools(turn)
+        _drop_stale_pools(turn)
         carried = known.copy()
         values = np.where(known, weigh(problem, np.where(known[:, None], terms, 0.0)), np.inf)
         rest = np.flatnonzero(~known)
@@ -233,13 +236,14 @@ class Incremental:
             bounds[rest] = -np.inf  # no bound excludes nothing
             bounds[rest[usable]] = weigh(problem, lower[usable])
         queue = rest[np.argsort(bounds[rest], kind="stable")]
-        first = set(queue[:FIRST_BATCH].tolist())
+        others = max(1, len(memory.problem.robots) - 1)
+        first = set(queue[: max(FIRST_BATCH, CHEAP_BATCH // others)].tolist())
         if incumbent is not None and not known[incumbent]:
             first.add(incumbent)
         batch = np.array(sorted(first), np.int64)
         size = 4 * FIRST_BATCH
         while len(batch):
-            turn, terms[batch] = candidate_terms(turn, batch, work)
+            terms[batch] = candidate_terms(turn, batch, work)
             values[batch] = weigh(problem, terms[batch])
             known[batch] = True
             best = float(values.min())
@@ -288,14 +292,14 @@ def _carried_over(turn: Turn) -> tuple[FloatArray, BoolArray]:
     return terms, known
 
 
-def _with_usable_pools(turn: Turn) -> Turn:
+def _drop_stale_pools(turn: Turn) -> None:
     """Drop messages whose factors changed, and pools of which little is left."""
     pools = []
     for pool in turn.memory.pools:
         live: BoolArray = pool.live & ~turn.dirty[pool.candidates]
         if 2 * int(live.sum()) >= len(live):
             pools.append(pool._replace(live=live))
-    return replace(turn, memory=replace(turn.memory, pools=tuple(pools)))
+    turn.memory = replace(turn.memory, pools=tuple(pools))
 
 
 def _report(

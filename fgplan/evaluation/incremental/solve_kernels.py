@@ -116,6 +116,10 @@ def posterior_covariances(
     own = pool.read_covariance.shape[1]
     extra = read_columns.shape[0]
     read = own + extra
+    largest = read
+    for n in range(places.shape[0]):
+        largest = max(largest, pool.row_count[places[n]] + read)
+    work = np.empty(largest * largest)
     for n in range(places.shape[0]):
         m = places[n]
         if sound[n] == 0:
@@ -123,7 +127,9 @@ def posterior_covariances(
         z = pool.row_count[m]
         base = pool.row_pointer[m]
         offset = pool.noise_pointer[m]
-        joint = np.zeros((z + read, z + read))
+        size = z + read
+        joint = work[: size * size].reshape((size, size))
+        joint[:z, :z] = 0.0
         terms = np.empty(z + read)
         start_c = np.zeros((d, z))
         other_c = np.zeros((extra, z))
@@ -205,16 +211,17 @@ def posterior_covariances(
             for g2 in range(g + 1):
                 row[z + own + g2] = from_s[read_columns[g2]]
             terms[z + own + g] = row[z + own + g]
-        if not cholesky(joint, z + read):
+        positive, factor = cholesky(joint)
+        if not positive:
             sound[n] = 0
             continue
-        for a in range(z + read):
-            if terms[a] > LOSS_LIMIT * joint[a, a] * joint[a, a]:
+        for a in range(size):
+            if terms[a] > LOSS_LIMIT * factor[a, a] * factor[a, a]:
                 sound[n] = 0
         for a in range(read):
             for b in range(a + 1):
                 total = 0.0
                 for k in range(b + 1):
-                    total += joint[z + a, z + k] * joint[z + b, z + k]
+                    total += factor[z + a, z + k] * factor[z + b, z + k]
                 out[n, a, b] = total
                 out[n, b, a] = total
