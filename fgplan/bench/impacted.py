@@ -182,7 +182,7 @@ def _shape(world: OpenWorld, agreement: Agreement) -> tuple[float, float, float]
 
 def _seldom(robots: int, count: int, scenes: Sequence[int]) -> dict[str, Any]:
     """The second world: lanes and a short criterion, so that robots meet seldom."""
-    shares, again, first = [], [], []
+    shares, again, first, solves = [], [], [], 0
     for seed in scenes:
         world = draw_world(
             robots,
@@ -203,10 +203,12 @@ def _seldom(robots: int, count: int, scenes: Sequence[int]) -> dict[str, Any]:
             memory, found = evaluator.evaluate(memory, {**others, mover: path})
             again.append(time.perf_counter() - began)
             shares.append(len(found.report.untouched) / count)
+            solves += found.report.solves
     return {
         "world": f"robot i in the i-th of {robots} lanes, criterion {SELDOM_CRITERION_M:g} m",
         "untouched_share": float(np.mean(shares)),
         "first_evaluation_ms": 1e3 * float(np.median(first)),
+        "re_evaluation_solves": solves,
         "re_evaluation_ms": 1e3 * float(np.median(again)),
     }
 
