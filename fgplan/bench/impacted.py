@@ -1,9 +1,9 @@
 """``fgplan bench impacted``: whole planning sessions in the open world of section 7.1.
 
 Every contestant plans the same scenes, one after the other in one run, in an order that rotates
-from scene to scene; ratios are medians of the ratios by scene. Slow contestants (iSAM2, and the
-published algorithms with many robots) run on the first scenes only; their ratios are taken on
-those; where every path is impacted (``--criterion 1e9``) they are left out.
+from scene to scene; ratios are medians of the ratios by scene. The slow contestants (iSAM2 and the
+published algorithms) run on the first scene only and their ratios are that scene's; where every
+path is impacted (``--criterion 1e9``) they are left out.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from fgplan.bench.session import (
     largest_difference,
     plan_session,
 )
+from fgplan.errors import InvalidInputError
 from fgplan.evaluation.incremental.evaluator import Incremental
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_least, require_at_most, require_true
@@ -58,6 +59,10 @@ def run(options: CommandOptions) -> CommandOutcome:
         The results and what is required of them.
     """
     robots, count = options.arguments["robots"], options.arguments["candidates"]
+    if robots < 2 or count < 2:
+        raise InvalidInputError(
+            f"bench impacted: expected 2 robots and 2 candidates or more, got {robots} and {count}"
+        )
     criterion = options.arguments["criterion"]
     scenes = options.seed_range(SCENES.get(robots, 3), quick=2)
     slow = () if criterion >= EVERYTHING_M else scenes[:SLOW_SCENES]

@@ -28,6 +28,9 @@ DEMOS: dict[str, RegisteredCommand] = {
 }
 
 BENCHES: dict[str, RegisteredCommand] = {
+    "roadmap": RegisteredCommand(
+        "fgplan.bench.roadmap:run", "a PRM among polygons, with shapely and without"
+    ),
     "impacted": RegisteredCommand(
         "fgplan.bench.impacted:run", "whole planning sessions, evaluators side by side"
     ),

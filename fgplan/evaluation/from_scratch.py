@@ -27,7 +27,7 @@ from fgplan.beliefs.from_scratch import (
     pair_part,
     wanted_covariances,
 )
-from fgplan.errors import InvalidInputError
+from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.evaluation.evaluations import Evaluations, ReevaluationReport, weigh
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.evaluation.term_values import (
@@ -258,9 +258,15 @@ def check_candidates(
     """Check that candidates belong to a robot and a problem.
 
     Raises:
+        NoCandidatePathError: If there is no candidate.
         InvalidInputError: If a candidate is another robot's or does not fit the problem.
         UnknownNameError: If the robot, a sensor or a landmark is not known.
     """
+    if not candidates:
+        raise NoCandidatePathError(
+            f"robot {robot!r}: expected at least one candidate path, got none; check that its "
+            "goal is reachable"
+        )
     for path in candidates:
         problem.check_path(path)
         if path.robot != robot:

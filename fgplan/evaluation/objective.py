@@ -40,6 +40,8 @@ class PosesOf:
     def __post_init__(self) -> None:
         """Check that there are several names, not the letters of one."""
         object.__setattr__(self, "robots", _listed(self.robots, str, "PosesOf robots", "a name"))
+        if len(set(self.robots)) != len(self.robots):
+            raise InvalidInputError(f"PosesOf robots: expected each once, got {self.robots}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +105,11 @@ class UncertaintyTerm:
                 f"objective term: expected block position, pose or heading, got {self.block!r}"
             )
         if isinstance(self.read, tuple):
-            if not self.read or any(step < 0 for step in self.read):
+            whole = all(isinstance(s, int) and not isinstance(s, bool) for s in self.read)
+            if not self.read or not whole or min(self.read) < 0:
                 raise InvalidInputError(
-                    f"objective term: expected look-ahead steps of zero or more, got {self.read}"
+                    "objective term: expected look-ahead steps, whole numbers of zero or more, got "
+                    f"{self.read}"
                 )
         elif self.read not in ("end", "arrival"):
             raise InvalidInputError(
@@ -162,7 +166,7 @@ class PathTerm:
     Attributes:
         robot: Name of the robot.
         name: Name in reports.
-        function: Maps the path to a number; called once a path.
+        function: Maps the path to a number; the same for the same path, however often it is asked.
         weight: Factor in the objective.
     """
 

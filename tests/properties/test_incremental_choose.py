@@ -25,7 +25,10 @@ from fgplan.evaluation.objective import (
 from fgplan.models.relative_pose import RelativePoseSensor
 
 ENGINE = Incremental()
-NOTE = "no bound: a term is not monotone, has a negative weight or reads before the end"
+NOTE = (
+    "no bound: there is no uncertainty term, or one is not monotone, has a negative weight, reads "
+    "before the end or reads a whole path of the robot itself"
+)
 
 
 def bounded_objective(number, path_weight, weight=1.0):

@@ -191,7 +191,7 @@ def test_memory_for_messages_is_bounded_and_told():
     turns = [{r: paths[r][k] for r in problem.robots[1:]} for k in (0, 1, 1, 0)]
     results = {}
     for bound in (0, 20_000, 32_000_000):
-        engine = Incremental(message_bytes=bound)
+        engine = Incremental(memory_bytes=bound)
         memory = engine.start(problem, "robot0", paths["robot0"])
         results[bound] = []
         for announced in turns:

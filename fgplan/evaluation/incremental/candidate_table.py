@@ -46,6 +46,7 @@ class CandidateTable:
             observe.
         observations: Planned observations from each distinct state.
         motion: Blocks of the motion factors, each of shape (N, Lmax, d, d).
+        tightest: Shape (d,), largest information of any motion step in each direction.
     """
 
     paths: tuple[CandidatePath, ...]
@@ -57,6 +58,7 @@ class CandidateTable:
     counted: BoolArray
     observations: tuple[tuple[Observation, ...], ...]
     motion: MotionBlocks
+    tightest: FloatArray
 
     def distinct(self) -> list[State]:
         """The distinct own states."""
@@ -114,6 +116,7 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
         if observed
         else ((),) * len(first),
         motion=motion,
+        tightest=flat_motion.late.diagonal(axis1=1, axis2=2).max(axis=0),
     )
 
 

@@ -22,6 +22,10 @@ from fgplan.evaluation.term_values import (
 )
 from fgplan.typing import FloatArray, IntArray
 
+SCALE_LIMIT = 1e13
+"""Largest ratio of a current pose's variance to that of one motion step in the fast form: beyond
+it, the chain's response to the current pose has too few digits left of the step's."""
+
 
 class Work:
     """Counts of one evaluation."""
@@ -181,6 +185,9 @@ def _solved(
     start = int(universe.column[numbering.prior(memory.problem.start_keys[memory.robot])])
     covariance, sound = solve(pool, places, universe, start, columns)
     work.solves += len(places)
+    spread = universe.covariance.diagonal()[start : start + memory.problem.dim]
+    if (spread * memory.table.tightest).max() > SCALE_LIMIT:
+        sound[:] = False
     for n in np.flatnonzero(~sound).tolist():
         candidate = int(pool.candidates[places[n]])
         path = memory.table.paths[candidate]

@@ -53,11 +53,11 @@ from fgplan.typing import BoolArray, FloatArray
 FIRST_CAPACITY = 64
 """Steps an announced path may have before variables are numbered anew."""
 
-CHEAP_BATCH = 8
-"""The same where candidates are cheap: this many over the number of other robots."""
-
 FIRST_BATCH = 3
 """Candidates evaluated exactly before the bound is used; later batches are twice as large."""
+
+CHEAP_BATCH = 8
+"""The same where candidates are cheap: this many over the number of other robots."""
 
 BOUND_MARGIN = 1e-7
 """Relative distance by which a bound must exceed the best value: ties, and digits that the bound
@@ -86,11 +86,11 @@ class Incremental:
     """Exact re-evaluation of only what changed.
 
     Attributes:
-        message_bytes: Most memory that one robot's messages may hold between evaluations.
+        memory_bytes: Most memory that one robot's messages may hold between evaluations.
         name: Name in scenarios and reports.
     """
 
-    message_bytes: int = 32_000_000
+    memory_bytes: int = 32_000_000
     name: str = "incremental"
 
     @one_blas_thread()
@@ -211,7 +211,8 @@ class Incremental:
             New memory, and the choice.
 
         Raises:
-            InvalidInputError: If an announced path does not fit the problem.
+            InvalidInputError: If an announced path does not fit the problem, or there is no such
+                incumbent.
         """
         problem = memory.problem
         uncertain = any(isinstance(t, UncertaintyTerm) for t in problem.objective.terms)
@@ -219,9 +220,18 @@ class Incremental:
             uncertain and problem.objective.bounded and reads_only_the_end(problem, memory.robot)
         ):
             after, found = self.evaluate(memory, announced)
-            note = "no bound: a term is not monotone, has a negative weight or reads before the end"
+            note = (
+                "no bound: there is no uncertainty term, or one is not monotone, has a negative "
+                "weight, reads before the end or reads a whole path of the robot itself"
+            )
             report = replace(found.report, notes=(note,))
             return after, _choice(found.values, memory.robot, incumbent, report)
+        count = len(memory.table.paths)
+        if incumbent is not None and not 0 <= incumbent < count:
+            raise InvalidInputError(
+                f"incumbent of robot {memory.robot!r}: expected a candidate from 0 to {count - 1}, "
+                f"got {incumbent}"
+            )
         turn = begin_turn(memory, announced)
         work = Work()
         terms, known = _carried_over(turn)
@@ -260,7 +270,7 @@ class Incremental:
         """Memory for the next call, within its bound."""
         pools, held = [], 0
         for pool in turn.memory.pools:
-            if held + pool.bytes <= self.message_bytes:
+            if held + pool.bytes <= self.memory_bytes:
                 pools.append(pool)
                 held += pool.bytes
         return replace(turn.memory, pools=tuple(pools), terms=terms)

@@ -111,7 +111,8 @@ class ExhaustivePlanner:
             )
             agreed = float(agreement.value)
             details["agreed"] = agreed
-            details["gap"] = (agreed - optimum.value) / abs(optimum.value)
+            loss = agreed - optimum.value
+            details["gap"] = loss / abs(optimum.value) if optimum.value else loss
             details["agreed_chosen"] = dict(agreement.chosen)
             report |= {f"agreed_{key}": n for key, n in report_counts(agreement).items()}
             seconds |= {f"agreed_{key}": value for key, value in agreement.seconds.items()}
