@@ -19,43 +19,21 @@ from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.factors.boundary import gtsam_boundary
 from fgplan.factors.factor_set import FactorSet
 from fgplan.factors.motion import gtsam_pose
-from fgplan.factors.path_factors import KnownState, path_keys, team_factors
+from fgplan.factors.path_factors import FactorProblem, path_keys, team_factors
 from fgplan.models.pose import heading_slice, position_slice
-from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.paths.multi_robot import MultiRobotModel
 from fgplan.typing import Covariance, Key
 
 Block = Literal["pose", "position", "heading"]
 """Part of a pose's tangent."""
 
 
-class BeliefProblem(Protocol):
+class BeliefProblem(FactorProblem, Protocol):
     """What a belief needs of a planning problem (fgplan.evaluation.problem.PlanningProblem)."""
 
     @property
     def prior(self) -> Belief:
         """Belief at planning time."""
-        ...
-
-    @property
-    def start_keys(self) -> Mapping[str, Key]:
-        """Key of each robot's current pose, in the order of the team."""
-        ...
-
-    @property
-    def multi_robot(self) -> tuple[MultiRobotModel, ...]:
-        """Models of factors between robots."""
-        ...
-
-    @property
-    def sensors(self) -> Mapping[str, AbstractSensor]:
-        """Sensors of landmarks by name."""
-        ...
-
-    @property
-    def past_states(self) -> Sequence[KnownState]:
-        """Past states that may take part in multi-robot factors."""
         ...
 
     def check_announced(self, announced: Mapping[str, CandidatePath]) -> None:

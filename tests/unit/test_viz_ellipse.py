@@ -59,7 +59,7 @@ def test_coverage_is_that_of_samples():
     inside = np.linalg.norm(np.random.default_rng(0).normal(size=(100_000, 2)), axis=1) < 3.0
     # The standard error of the share is 0.0003.
     assert coverage(3.0) == pytest.approx(inside.mean(), abs=1.5e-3)
-    assert coverage(3.0) == pytest.approx(0.98889, abs=1e-5)
+    assert coverage(3.0) == pytest.approx(1.0 - np.exp(-4.5), rel=1e-12)
 
 
 def test_magnification():

@@ -196,7 +196,7 @@ def test_chosen_paths(tmp_path):
     assert markers(axes, "o") == 2
     assert len(axes.patches) == 6 + 1  # one ellipse a pose, and the bounds
     ellipse = next(one for one in axes.patches if hasattr(one, "get_xy") and not callable(one))
-    corners = ellipse.get_xy()
+    corners = ellipse.get_xy()  # a polygon inside the ellipse: a little smaller, hence 1e-2
     assert np.ptp(corners[:, 0]) == pytest.approx(2 * 3 * 2 * 10, rel=1e-2)
     assert np.ptp(corners[:, 1]) == pytest.approx(2 * 3 * 1 * 10, rel=1e-2)
 

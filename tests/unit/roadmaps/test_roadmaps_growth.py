@@ -264,11 +264,11 @@ def test_near_radius_shrinks_and_is_capped_by_the_step():
     steering = euclidean_steering(2.0, [0, 0], [10, 10], gamma=10.0)
     assert steering.near_radius(1) == 2.0
     assert steering.near_radius(10) == 2.0
-    # 10 * sqrt(log 1000 / 1000)
-    np.testing.assert_allclose(steering.near_radius(1000), 0.83112, rtol=1e-4)
-    # 2 (1 + 1/2)^(1/2) (100 / pi)^(1/2) = 13.82, times 1.001
+    expected = 10.0 * np.sqrt(np.log(1000.0) / 1000.0)
+    np.testing.assert_allclose(steering.near_radius(1000), expected, rtol=1e-12)
+    gamma = 1.001 * 2.0 * np.sqrt(1.5) * np.sqrt(100.0 / np.pi)
     default = euclidean_steering(99.0, [0, 0], [10, 10]).near_radius(1000)
-    np.testing.assert_allclose(default / steering.near_radius(1000), 1.3834, rtol=1e-3)
+    np.testing.assert_allclose(default / steering.near_radius(1000), gamma / 10.0, rtol=1e-12)
     with pytest.raises(ParameterError, match="gamma"):
         euclidean_steering(2.0, [0, 0], [1, 1], gamma=0.0)
 
