@@ -9,12 +9,12 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from fgplan.models.measurement import Kind, Measurement
 from fgplan.models.pose import between, position, position_in
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.state import State
 from fgplan.simulation.noise import disturb_pose, draw_measurement
-from fgplan.simulation.step import Kind, Measurement
 from fgplan.simulation.world import World, WorldRobot
 from fgplan.typing import FloatArray, Key, Pose
 

@@ -15,12 +15,13 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.models.measurement import Odometry
 from fgplan.models.pose import between, compose, position
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.simulation.command import Commands, commands_of
 from fgplan.simulation.noise import disturb_pose
 from fgplan.simulation.sensing import sense
-from fgplan.simulation.step import Odometry, SimulationState, SimulationStep
+from fgplan.simulation.step import SimulationState, SimulationStep
 from fgplan.simulation.world import World, WorldRobot
 from fgplan.typing import FloatArray, Pose
 

@@ -6,12 +6,10 @@ numbers of every step are derived. So a run that was stopped ends as if it had n
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from fgplan.checks import frozen
-from fgplan.typing import Covariance, FloatArray, Key, Pose
-
-Kind = Literal["landmark", "target", "robot"]
+from fgplan.models.measurement import Measurement, Odometry
+from fgplan.typing import FloatArray, Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,42 +33,6 @@ class SimulationState:
         poses = {robot: frozen(pose) for robot, pose in self.poses.items()}
         object.__setattr__(self, "poses", poses)
         object.__setattr__(self, "hidden_state", frozen(self.hidden_state))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Odometry:
-    """What one robot knows of its last motion.
-
-    Attributes:
-        robot: Name of the robot.
-        relative: Relative pose from the pose before, shape (3,) or (4, 4).
-        covariance: Noise in the tangent of the later pose, shape (d, d); None if exact.
-    """
-
-    robot: str
-    relative: Pose
-    covariance: Covariance | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measurement:
-    """One measurement, its association known.
-
-    Attributes:
-        robot: Name of the robot that measured.
-        sensor: Name of the sensor, or of the multi-robot model.
-        kind: What was measured.
-        target: Key of the landmark, or name of the target or of the other robot.
-        value: Shape (m,); a relative pose is (3,) or (4, 4).
-        covariance: Noise that it was drawn with, shape (m, m) or that of its tangent.
-    """
-
-    robot: str
-    sensor: str
-    kind: Kind
-    target: Key | str
-    value: FloatArray
-    covariance: Covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,1 @@
+"""Plan, move, observe, estimate, plan again: active multi-robot SLAM until all goals are reached."""

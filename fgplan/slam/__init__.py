@@ -1,0 +1,1 @@
+"""Multi-robot SLAM with known association: measurements in, a joint belief out."""
