@@ -1,31 +1,26 @@
 """Candidate paths from paths over roadmap vertices: poses, times, noise, planned observations.
 
 Pose 0 is the estimate of the current pose; the heading of a later pose is the direction of the edge
-by which it was reached. Time is travelled length over the robot's speed. A landmark is planned to
-be observed from every later pose from which a sensor of the robot sees it: range and field of view
-by the sensor, line of sight by the workspace.
+by which it was reached. Time is travelled length over the robot's speed.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from fgplan.checks import check_finite, check_positive
+from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
 from fgplan.models.motion import MotionModel
 from fgplan.models.pose import check_pose, position, tangent_dim
 from fgplan.models.sensor import AbstractSensor, SightLines
 from fgplan.paths.candidate_path import CandidatePath, Observation
-from fgplan.typing import ArrayLike, Covariance, FloatArray, Key, Pose
+from fgplan.paths.planned_observations import planned_observations
+from fgplan.typing import ArrayLike, FloatArray, Key, Pose
 from roadmaps import VertexPath, headings, space_positions
 
 START_TOLERANCE_M = 1e-6
 """Farther than this from the current pose a path starts elsewhere."""
-
-Seen = list[tuple[Key, str, Covariance]]
-"""Landmark, sensor and noise of what is seen from one pose."""
 
 
 def make_candidate_paths(
@@ -78,15 +73,9 @@ def make_candidate_paths(
             "Belief.landmarks() gives those of a prior"
         )
     ways = [_way(path, pose, spacing_m) for path in vertex_paths]
-    seen: dict[bytes, Seen] = {}
-    if ways and sensors and landmarks:
-        points = {
-            key: check_finite(point, f"landmark {key}", (None,)) for key, point in landmarks.items()
-        }
-        # Candidates share most states: each distinct pose is looked at once.
-        distinct = {state.tobytes(): state for way in ways for state in way.poses[1:]}
-        found = _seen_landmarks(list(distinct.values()), sensors, points, workspace)
-        seen = dict(zip(distinct, found, strict=True))
+    seen: list[tuple[Observation, ...]] = [()] * len(ways)
+    if sensors and landmarks:
+        seen = planned_observations([way.poses for way in ways], sensors, landmarks, workspace)
     return tuple(
         CandidatePath(
             robot=robot,
@@ -95,13 +84,9 @@ def make_candidate_paths(
             motion_covariances=motion.covariances(way.poses),
             vertices=way.vertices,
             length_m=path.length_m,
-            observations=tuple(
-                Observation(step=step, landmark=key, sensor=name, covariance=covariance)
-                for step, state in enumerate(way.poses[1:], start=1)
-                for key, name, covariance in seen.get(state.tobytes(), ())
-            ),
+            observations=observations,
         )
-        for path, way in zip(vertex_paths, ways, strict=True)
+        for path, way, observations in zip(vertex_paths, ways, seen, strict=True)
     )
 
 
@@ -178,40 +163,3 @@ def _check_arguments(
                 f"path {place} from {path.positions[0].tolist()}; make the current position a "
                 "vertex (build_prm: required_positions, connect_positions) and search from it"
             )
-
-
-def _seen_landmarks(
-    poses: Sequence[Pose],
-    sensors: Mapping[str, AbstractSensor],
-    landmarks: Mapping[Key, FloatArray],
-    workspace: SightLines | None,
-) -> list[Seen]:
-    """Landmarks seen from each pose: by range from a tree, then by the sensor, then by sight."""
-    keys = list(landmarks)
-    flat = np.array([landmarks[key][:2] for key in keys])
-    where = np.array([position(pose)[:2] for pose in poses])
-    tree = cKDTree(flat)
-    pairs: list[tuple[int, int, str]] = []
-    for name, sensor in sensors.items():
-        if np.isfinite(sensor.max_range_m):
-            reach = sensor.max_range_m * (1.0 + 1e-9)  # the sensor itself decides at the edge
-            near = tree.query_ball_point(where, reach, return_sorted=True)
-        else:
-            near = [range(len(keys))] * len(poses)
-        pairs += [
-            (place, index, name)
-            for place, indices in enumerate(near)
-            for index in indices
-            if sensor.visible(poses[place], landmarks[keys[index]])
-        ]
-    if workspace is not None and pairs:
-        starts = where[[pair[0] for pair in pairs]]
-        ends = flat[[pair[1] for pair in pairs]]
-        free = workspace.has_line_of_sight(starts, ends)
-        pairs = [pair for pair, in_sight in zip(pairs, free.tolist(), strict=True) if in_sight]
-    seen: list[Seen] = [[] for _ in poses]
-    for place, index, name in pairs:
-        key = keys[index]
-        noise = sensors[name].noise(poses[place], landmarks[key])
-        seen[place].append((key, name, noise))
-    return seen
