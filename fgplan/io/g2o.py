@@ -6,29 +6,39 @@
     VERTEX_TRACKXYZ id x y z                       EDGE_SE3_TRACKXYZ a b parameter x y z  I (6)
     PARAMS_SE3OFFSET id x y z qx qy qz qw          FIX id ...          # comment
 
-I is the upper triangle, by rows, of the information in the frame of b (of a for landmarks). In
-space g2o orders it (translation, rotation), GTSAM (rotation, translation); the rotation part is
-taken as GTSAM's reader does, as a rotation vector. A landmark measured at p in the frame of a pose
-becomes GTSAM's bearing-range factor with the covariance J I^-1 J', J the Jacobian of (bearing,
-range) at p: the same information at the measurement, and a factor that can be pickled. An offset of
-the sensor is folded into p.
+I is the upper triangle, by rows, of the information in the frame of b (of a for landmarks); its
+rotation part is taken as GTSAM's reader does, as a rotation vector. An offset of the sensor is
+folded into the measured point. What lines of text have in common is in fgplan/io/graph_text.py.
 
 Own code because gtsam.readG2o loses every edge after a FIX line, and all of them at a comment.
 """
 
-import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
 from fgplan.errors import InvalidInputError, ScenarioError
 from fgplan.factors.keys import describe_key
-from fgplan.typing import FloatArray, Key
+from fgplan.io.graph_text import (
+    TRANSLATION_FIRST,
+    GraphLine,
+    finite_numbers,
+    landmark_factor,
+    landmark_point,
+    spatial_numbers,
+    spatial_pose,
+    symmetric_matrix,
+    text_lines,
+    text_number,
+    upper_triangle,
+    write_text_lines,
+)
+from fgplan.typing import Key
 
 _VERTICES = {"VERTEX_SE2": 3, "VERTEX_XY": 2, "VERTEX_SE3:QUAT": 7, "VERTEX_TRACKXYZ": 3}
 _EDGES = {
@@ -37,8 +47,8 @@ _EDGES = {
     "EDGE_SE3:QUAT": (7, 6, "VERTEX_SE3:QUAT", "VERTEX_SE3:QUAT"),
     "EDGE_SE3_TRACKXYZ": (3, 3, "VERTEX_SE3:QUAT", "VERTEX_TRACKXYZ"),
 }
+_WHOLE = ("fullgraph", "full")
 _LANDMARKS = ("VERTEX_XY", "VERTEX_TRACKXYZ")
-_SWAP = [3, 4, 5, 0, 1, 2]
 _WRITTEN = gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3
 _WRITTEN |= gtsam.BearingRangeFactor2D | gtsam.BearingRangeFactor3D
 
@@ -55,6 +65,9 @@ class G2oGraph:
         repeated: Edges left out because another file holds the same one.
         same_ends: Edges kept although another file holds one between the same vertices with other
             numbers: two measurements, or one written with different rounding (repeat_tolerance).
+        files: Files that were read, in order.
+        left_out: Files of the folder that were not read: the whole graph beside files by robot.
+        vertex_files: Places in ``files`` of the files that define each vertex.
     """
 
     graph: gtsam.NonlinearFactorGraph
@@ -63,15 +76,9 @@ class G2oGraph:
     counts: Mapping[str, int]
     repeated: int
     same_ends: int
-
-
-class _Line(NamedTuple):
-    """One line: where it stands, its tag, ids and numbers."""
-
-    where: str
-    tag: str
-    ids: tuple[int, ...]
-    numbers: tuple[float, ...]
+    files: tuple[Path, ...]
+    left_out: tuple[Path, ...]
+    vertex_files: Mapping[Key, tuple[int, ...]]
 
 
 def read_g2o(
@@ -82,8 +89,8 @@ def read_g2o(
     """Read one g2o file, or the files of several robots as one graph.
 
     Args:
-        paths: One file, or one a robot. An edge may join vertices of different files; an edge that
-            is exactly repeated in another file is taken once.
+        paths: One file, one a robot, or a folder of them (``g2o_files``). An edge may join vertices
+            of different files; an edge that is exactly repeated in another file is taken once.
         landmark_character: None keeps the ids of landmarks as keys. A letter makes the key
             ``gtsam.symbol(letter, id)`` of it, as gtsam.readG2o does with ``l``: needed where
             landmarks and poses share ids.
@@ -98,19 +105,23 @@ def read_g2o(
             remedy.
     """
     files = [Path(paths)] if isinstance(paths, Path | str) else [Path(path) for path in paths]
+    left_out: tuple[Path, ...] = ()
+    if len(files) == 1 and files[0].is_dir():
+        files, left_out = g2o_files(files[0])
     if not files:
         raise ScenarioError("g2o: expected at least one file, got none")
     parsed = [_parse(path, landmark_character) for path in files]
     vertices = _definitions((line for lines in parsed for line in lines), _VERTICES)
+    defined = [{line.ids[0] for line in lines if line.tag in _VERTICES} for lines in parsed]
     values, graph = gtsam.Values(), gtsam.NonlinearFactorGraph()
     for key, line in sorted(vertices.items()):
         if line.tag == "VERTEX_SE2":
             values.insert(key, gtsam.Pose2(*line.numbers))
         elif line.tag == "VERTEX_SE3:QUAT":
-            values.insert(key, _spatial(line, line.numbers))
+            values.insert(key, spatial_pose(line.where, line.tag, line.numbers))
         else:
             values.insert(key, np.array(line.numbers))
-    seen: dict[tuple[str, tuple[int, ...]], list[tuple[int, _Line]]] = {}
+    seen: dict[tuple[str, tuple[int, ...]], list[tuple[int, GraphLine]]] = {}
     fixed: dict[Key, None] = {}
     counts: Counter[str] = Counter()
     repeated, same_ends, limit = 0, 0, repeat_tolerance
@@ -141,7 +152,33 @@ def read_g2o(
         counts=dict(sorted(counts.items())),
         repeated=repeated,
         same_ends=same_ends,
+        files=tuple(files),
+        left_out=left_out,
+        vertex_files={
+            key: tuple(i for i, own in enumerate(defined) if key in own) for key in sorted(vertices)
+        },
     )
+
+
+def g2o_files(folder: Path) -> tuple[list[Path], tuple[Path, ...]]:
+    """Files of a folder of g2o files, numbers in their names sorted as numbers.
+
+    Args:
+        folder: The folder.
+
+    Returns:
+        The files to read, and those to leave out: where a file named fullGraph (full_graph, full)
+        lies beside others, these are the robots' parts of it, and only they say who is who.
+
+    Raises:
+        ScenarioError: If there is no g2o file.
+    """
+    files = sorted(folder.glob("*.g2o"), key=lambda path: _natural(path.stem))
+    if not files:
+        raise ScenarioError(f"{folder}: expected *.g2o files in this folder, found none")
+    whole = [path for path in files if path.stem.lower().replace("_", "") in _WHOLE]
+    parts = [path for path in files if path not in whole]
+    return (parts, tuple(whole)) if parts else (files, ())
 
 
 def write_g2o(
@@ -170,29 +207,23 @@ def write_g2o(
     if any("SE3:QUAT" in line for line in lines):
         lines.insert(0, "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1")
     lines += [_edge_line(index, graph.at(index)) for index in range(graph.size())]
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be written: {error.strerror}") from error
+    write_text_lines(path, lines)
 
 
-def _parse(path: Path, landmark_character: str | None) -> list[_Line]:
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Parts of a name, numbers by value, so that 2 comes before 10."""
+    return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _parse(path: Path, landmark_character: str | None) -> list[GraphLine]:
     """Lines of one file; every word of every line accounted for."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read as text: {error}") from error
-    lines = []
-    for number, content in enumerate(text.splitlines(), start=1):
-        words = content.split()
-        if words and not words[0].startswith("#"):
-            lines.append(_parse_line(f"{path}:{number}", words, landmark_character))
+    lines = [_parse_line(where, words, landmark_character) for where, words in text_lines(path)]
     if not lines:
         raise ScenarioError(f"{path}: expected vertices and edges, got none; is it a g2o file?")
     return lines
 
 
-def _parse_line(where: str, words: list[str], landmark_character: str | None) -> _Line:
+def _parse_line(where: str, words: list[str], landmark_character: str | None) -> GraphLine:
     """One line, its tag, field count and numbers checked."""
     tag = words[0]
     if tag in _VERTICES or tag == "PARAMS_SE3OFFSET":
@@ -215,25 +246,25 @@ def _parse_line(where: str, words: list[str], landmark_character: str | None) ->
         )
     try:  # Python would take 1_0 for ten
         keys = tuple(int(word.replace("_", "?")) for word in words[1 : 1 + ids])
-        values = tuple(float(word.replace("_", "?")) for word in words[1 + ids :])
+        for word in words[1 + ids :]:
+            float(word.replace("_", "?"))
     except ValueError as error:
         raise ScenarioError(
             f"{where}: {tag}: expected integer ids, then numbers, got {' '.join(words[1:])}"
         ) from error
     if not all(0 <= key < 2**64 for key in keys):
         raise ScenarioError(f"{where}: {tag}: expected ids from 0 to 2**64 - 1, got {keys}")
-    if not all(map(math.isfinite, values)):
-        raise ScenarioError(f"{where}: {tag}: expected finite numbers, got {words[1 + ids :]}")
+    values = finite_numbers(where, tag, words[1 + ids :])
     if landmark_character is not None and tag in (*_LANDMARKS, "EDGE_SE2_XY", "EDGE_SE3_TRACKXYZ"):
         place = 0 if tag in _LANDMARKS else 1
         symbol = gtsam.symbol(landmark_character, keys[place])
         keys = (*keys[:place], symbol, *keys[place + 1 :])
-    return _Line(where, tag, keys, values)
+    return GraphLine(where, tag, keys, values)
 
 
-def _definitions(lines: Iterable[_Line], tags: Iterable[str]) -> dict[Key, _Line]:
+def _definitions(lines: Iterable[GraphLine], tags: Iterable[str]) -> dict[Key, GraphLine]:
     """Lines of these tags by id; the same one may stand several times."""
-    found: dict[Key, _Line] = {}
+    found: dict[Key, GraphLine] = {}
     for line in lines:
         if line.tag not in tags:
             continue
@@ -248,7 +279,9 @@ def _definitions(lines: Iterable[_Line], tags: Iterable[str]) -> dict[Key, _Line
     return found
 
 
-def _check_vertex(line: _Line, key: Key, tag: str | None, vertices: Mapping[Key, _Line]) -> None:
+def _check_vertex(
+    line: GraphLine, key: Key, tag: str | None, vertices: Mapping[Key, GraphLine]
+) -> None:
     """Raise if a line names a vertex that is not there or is of another kind."""
     if key not in vertices:
         raise ScenarioError(
@@ -263,49 +296,22 @@ def _check_vertex(line: _Line, key: Key, tag: str | None, vertices: Mapping[Key,
         )
 
 
-def _spatial(line: _Line, numbers: Sequence[float]) -> gtsam.Pose3:
-    """Pose from x y z qx qy qz qw."""
-    x, y, z, qx, qy, qz, qw = numbers
-    norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-    if abs(norm - 1.0) > 1e-3:
-        raise ScenarioError(
-            f"{line.where}: {line.tag}: expected a unit quaternion qx qy qz qw, got length {norm:g}"
-        )
-    rotation = gtsam.Rot3.Quaternion(qw / norm, qx / norm, qy / norm, qz / norm)
-    return gtsam.Pose3(rotation, np.array([x, y, z]))
-
-
-def _information(line: _Line, size: int) -> FloatArray:
-    """Symmetric information from the last numbers of a line, checked."""
-    matrix = np.zeros((size, size))
-    matrix[np.triu_indices(size)] = line.numbers[len(line.numbers) - size * (size + 1) // 2 :]
-    matrix = matrix + np.triu(matrix, 1).T
-    diagonal = np.diag(matrix)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    eigenvalues = np.linalg.eigvalsh(matrix * np.outer(scale, scale))
-    if (diagonal <= 0.0).any() or eigenvalues[0] <= 1e-14 * eigenvalues[-1]:
-        raise ScenarioError(
-            f"{line.where}: {line.tag}: expected a positive definite information matrix, got "
-            f"diagonal {diagonal} and smallest eigenvalue {eigenvalues[0]:g} (diagonal scaled to "
-            "one); is it a covariance, or its triangle in another order?"
-        )
-    return matrix
-
-
-def _factor(line: _Line, offsets: Mapping[int, _Line]) -> gtsam.NonlinearFactor:
+def _factor(line: GraphLine, offsets: Mapping[int, GraphLine]) -> gtsam.NonlinearFactor:
     """The factor of one edge."""
     first, second = line.ids[:2]
     if first == second:
         raise ScenarioError(f"{line.where}: {line.tag} joins {describe_key(first)} to itself")
     measured, size = _EDGES[line.tag][:2]
-    information = _information(line, size)
+    information = symmetric_matrix(line, size, "information")
     numbers = line.numbers[:measured]
     if line.tag == "EDGE_SE2":
         noise = gtsam.noiseModel.Gaussian.Information(information)
         return gtsam.BetweenFactorPose2(first, second, gtsam.Pose2(*numbers), noise)
     if line.tag == "EDGE_SE3:QUAT":
-        noise = gtsam.noiseModel.Gaussian.Information(information[np.ix_(_SWAP, _SWAP)])
-        return gtsam.BetweenFactorPose3(first, second, _spatial(line, numbers), noise)
+        ordered = information[np.ix_(TRANSLATION_FIRST, TRANSLATION_FIRST)]
+        noise = gtsam.noiseModel.Gaussian.Information(ordered)
+        pose = spatial_pose(line.where, line.tag, numbers)
+        return gtsam.BetweenFactorPose3(first, second, pose, noise)
     point, covariance = np.array(numbers), np.linalg.inv(information)
     if line.tag == "EDGE_SE3_TRACKXYZ":
         parameter = line.ids[2]
@@ -314,46 +320,19 @@ def _factor(line: _Line, offsets: Mapping[int, _Line]) -> gtsam.NonlinearFactor:
                 f"{line.where}: {line.tag} uses sensor offset {parameter}, which its file does not "
                 f"define; add the line: PARAMS_SE3OFFSET {parameter} 0 0 0 0 0 0 1"
             )
-        offset = _spatial(offsets[parameter], offsets[parameter].numbers)
+        defined = offsets[parameter]
+        offset = spatial_pose(defined.where, defined.tag, defined.numbers)
         rotation = offset.rotation().matrix()
         point = rotation @ point + offset.translation()
         covariance = rotation @ covariance @ rotation.T
-    range_m = float(np.linalg.norm(point))
-    if range_m == 0.0:
-        raise ScenarioError(
-            f"{line.where}: {line.tag}: a landmark at distance zero has no bearing; leave it out"
-        )
-    jacobian = _bearing_range_jacobian(point)
-    covariance = jacobian @ covariance @ jacobian.T
-    # Exactly symmetric: GTSAM drops the off-diagonal of a covariance that is not.
-    noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-    if size == 2:
-        bearing = gtsam.Rot2(math.atan2(point[1], point[0]))
-        return gtsam.BearingRangeFactor2D(first, second, bearing, range_m, noise)
-    return gtsam.BearingRangeFactor3D(first, second, gtsam.Unit3(point), range_m, noise)
-
-
-def _bearing_range_jacobian(point: FloatArray) -> FloatArray:
-    """Jacobian of GTSAM's (bearing, range) by the point in the sensor's frame."""
-    range_m = float(np.linalg.norm(point))
-    if point.size == 2:
-        across = np.array([[-point[1], point[0]]]) / range_m**2
-    else:
-        across = gtsam.Unit3(point).basis().T / range_m
-    return np.vstack([across, point[None, :] / range_m])
-
-
-def _spatial_numbers(pose: gtsam.Pose3) -> list[float]:
-    """Position and quaternion: x y z qx qy qz qw."""
-    quaternion = pose.rotation().toQuaternion()
-    return [*pose.translation(), *(getattr(quaternion, axis)() for axis in "xyzw")]
+    return landmark_factor(line, point, covariance)
 
 
 def _vertex_line(key: Key, values: gtsam.Values) -> str:
     """The line of one value."""
     for tag, read in (
         ("VERTEX_SE2", lambda: values.atPose2(key).translation()),
-        ("VERTEX_SE3:QUAT", lambda: _spatial_numbers(values.atPose3(key))),
+        ("VERTEX_SE3:QUAT", lambda: spatial_numbers(values.atPose3(key))),
         ("VERTEX_XY", lambda: values.atPoint2(key)),
         ("VERTEX_TRACKXYZ", lambda: values.atPoint3(key)),
     ):
@@ -363,7 +342,7 @@ def _vertex_line(key: Key, values: gtsam.Values) -> str:
             continue
         if tag == "VERTEX_SE2":
             numbers.append(values.atPose2(key).theta())
-        return f"{tag} {int(key)} {' '.join(repr(float(x)) for x in numbers)}"
+        return f"{tag} {int(key)} {' '.join(map(text_number, numbers))}"
     raise InvalidInputError(
         f"value of {describe_key(key)}: g2o knows Pose2, Pose3, Point2 and Point3 only"
     )
@@ -382,17 +361,13 @@ def _edge_line(index: int, factor: gtsam.NonlinearFactor | None) -> str:
     if isinstance(measured, gtsam.Pose2):
         tag, numbers = "EDGE_SE2", [measured.x(), measured.y(), measured.theta()]
     elif isinstance(measured, gtsam.Pose3):
-        tag, numbers = "EDGE_SE3:QUAT", _spatial_numbers(measured)
-        information = information[np.ix_(_SWAP, _SWAP)]
+        tag, numbers = "EDGE_SE3:QUAT", spatial_numbers(measured)
+        information = information[np.ix_(TRANSLATION_FIRST, TRANSLATION_FIRST)]
     else:
-        bearing = measured.bearing()
-        planar = isinstance(bearing, gtsam.Rot2)
-        direction = [bearing.c(), bearing.s()] if planar else bearing.point3()
-        point = measured.range() * np.array(direction)
-        jacobian = _bearing_range_jacobian(point)
-        information = jacobian.T @ information @ jacobian
+        point, information = landmark_point(factor)
+        planar = point.size == 2
         tag, parameter = ("EDGE_SE2_XY", "") if planar else ("EDGE_SE3_TRACKXYZ", "0 ")
         numbers = point.tolist()
     first, second = factor.keys()
-    numbers = [*numbers, *information[np.triu_indices(information.shape[0])]]
-    return f"{tag} {first} {second} {parameter}{' '.join(repr(float(x)) for x in numbers)}"
+    words = map(text_number, [*numbers, *upper_triangle(information)])
+    return f"{tag} {first} {second} {parameter}{' '.join(words)}"

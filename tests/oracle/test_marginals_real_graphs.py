@@ -12,6 +12,7 @@ from fgplan.errors import IllPosedBeliefError
 from fgplan.io.g2o import read_g2o
 
 DATA = Path(__file__).parents[1] / "data" / "g2o"
+ARGOS = Path(__file__).parents[2] / "examples" / "data" / "argos_10_robots"
 
 
 def relative(have, want):
@@ -34,7 +35,7 @@ def victoria_park():
 
 
 def ten_robots():
-    read = read_g2o([DATA / "argos_clean_10robots" / f"{robot}.g2o" for robot in range(10)])
+    read = read_g2o([ARGOS / f"{robot}.g2o" for robot in range(10)])
     graph, first = read.graph, next(iter(read.values.keys()))
     noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.01)
     graph.add(gtsam.PriorFactorPose3(first, read.values.atPose3(first), noise))

@@ -10,7 +10,8 @@ from fgplan.errors import InvalidInputError, ScenarioError
 from fgplan.io.g2o import read_g2o, write_g2o
 
 DATA = Path(__file__).parents[1] / "data" / "g2o"
-ARGOS = [DATA / "argos_clean_10robots" / f"{robot}.g2o" for robot in range(10)]
+ARGOS_FOLDER = Path(__file__).parents[2] / "examples" / "data" / "argos_10_robots"
+ARGOS = [ARGOS_FOLDER / f"{robot}.g2o" for robot in range(10)]
 
 PLANAR = """# two poses and a landmark
 VERTEX_SE2 0 0 0 0
