@@ -15,20 +15,24 @@ from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.state import State
 from fgplan.typing import ArrayLike, FloatArray, Key
-from fgplan.viz.ellipse import coverage, ellipse_outlines, magnification_to_see
+from fgplan.viz.ellipse import magnification_to_see
 from fgplan.viz.map_drawing import (
+    Extent,
     MapPicture,
+    draw_ellipses,
     draw_goals,
     draw_landmarks,
     draw_lines,
     draw_roadmap,
     draw_start,
     draw_workspace,
+    draw_world,
+    ellipse_entry,
     map_extent,
     path_positions,
     state_position,
 )
-from fgplan.viz.palette import UNCHANGED, RobotStyle, robot_styles
+from fgplan.viz.palette import UNCHANGED, robot_styles
 from roadmaps import Workspace
 
 if TYPE_CHECKING:
@@ -45,6 +49,10 @@ def chosen_paths_figure(
     workspace: Workspace | None = None,
     roadmap: nx.Graph | None = None,
     goals: Mapping[str, ArrayLike] | None = None,
+    current_goals: Mapping[str, int] | None = None,
+    true_landmarks: ArrayLike = (),
+    team: Sequence[str] = (),
+    extent: Extent | None = None,
     sigmas: float = 3.0,
     magnification: float | None = None,
     title: str = "Chosen paths and what the robots will know",
@@ -62,6 +70,10 @@ def chosen_paths_figure(
         workspace: Bounds and obstacles; None takes the extent of the paths.
         roadmap: Drawn in the background.
         goals: Shape (G, 2) or (2,) by robot; None marks the paths' ends.
+        current_goals: Number of the goal that a robot heads for, from 1; its disc is filled.
+        true_landmarks: Shape (N, 2), metres: where landmarks truly are, as tiny dots.
+        team: Names in the order of the team, for the colours; empty takes those of `paths`.
+        extent: What the map shows; None takes the workspace or the paths.
         sigmas: Size of the ellipses in standard deviations; the legend says so.
         magnification: Ellipses are drawn so much larger; None picks a round factor at which the
             largest shows. The legend says so.
@@ -80,8 +92,9 @@ def chosen_paths_figure(
     check_positive(sigmas, "figure sigmas")
     lines = {robot: path_positions(path) for robot, path in paths.items()}
     blocks = _checked(covariances, lines)
-    styles = robot_styles(tuple(paths))
-    extent = map_extent(workspace, list(lines.values()))
+    styles = robot_styles(tuple(dict.fromkeys((*team, *paths))))
+    if extent is None:
+        extent = map_extent(workspace, list(lines.values()))
     if magnification is None:
         every = np.concatenate([np.zeros((1, 2, 2)), *blocks.values()])
         magnification = magnification_to_see(every, sigmas, float((extent[1] - extent[0]).max()))
@@ -95,11 +108,9 @@ def chosen_paths_figure(
     for robot, line in lines.items():
         draw_start(picture, axes, robot, line[0], styles[robot])
     for robot, each in blocks.items():
-        _draw_ellipses(axes, lines[robot], each, sigmas * magnification, styles[robot])
+        draw_ellipses(axes, lines[robot], each, sigmas * magnification, styles[robot].color)
     if blocks:
-        larger = f",\ndrawn {magnification:g}× larger" if magnification != 1 else ""
-        label = f"position covariance, {sigmas:g}σ\n({coverage(sigmas):.1%} inside){larger}"
-        picture.entry(label, color="#404040", marker="o", mfc="#DDDDDD", ls="", ms=13, mew=1.0)
+        ellipse_entry(picture, "position covariance", sigmas, magnification)
     if joined:
         pairs = [(state_position(one), state_position(other)) for one, other in joined]
         draw_lines(axes, pairs, color=UNCHANGED, lw=0.9, alpha=0.75, zorder=3.5)
@@ -107,7 +118,9 @@ def chosen_paths_figure(
     if landmarks:
         _draw_observations(picture, axes, paths, lines, landmarks)
     ends = {robot: line[-1] for robot, line in lines.items()}
-    draw_goals(picture, axes, ends if goals is None else goals, styles)
+    draw_goals(picture, axes, ends if goals is None else goals, styles, current_goals)
+    if len(np.asarray(true_landmarks)):
+        draw_world(picture, axes, true_landmarks)
     if roadmap is not None:
         draw_roadmap(picture, axes, roadmap)
     if workspace is not None:
@@ -127,15 +140,6 @@ def _checked(
         name = f"position covariances of robot {robot!r}"
         checked[robot] = check_finite(given, name, (len(lines[robot]), 2, 2))
     return checked
-
-
-def _draw_ellipses(
-    axes: "Axes", centers: FloatArray, covariances: FloatArray, size: float, style: RobotStyle
-) -> None:
-    """Draw the ellipses of one robot: a line in its colour over a pale fill."""
-    for outline in ellipse_outlines(centers, covariances, size):
-        axes.fill(*outline.T, facecolor=style.color, alpha=0.12, lw=0, zorder=3.8)
-        axes.plot(*outline.T, color=style.color, lw=0.9, zorder=4)
 
 
 def _draw_observations(

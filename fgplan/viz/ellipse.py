@@ -86,18 +86,21 @@ def coverage(sigmas: float) -> float:
     return float(1.0 - np.exp(-0.5 * sigmas**2))
 
 
-def magnification_to_see(covariances: FloatArray, sigmas: float, span_m: float) -> int:
+def magnification_to_see(
+    covariances: FloatArray, sigmas: float, span_m: float, share: float = _VISIBLE
+) -> int:
     """Smallest round factor at which the largest ellipse shows on a map.
 
     Args:
         covariances: Shape (n, 2, 2), square metres.
         sigmas: Size k of the ellipses.
         span_m: Longer side of the map, metres.
+        share: Half axis of the largest ellipse as a share of the map's side, at least.
 
     Returns:
         1, 2, 5, 10, ... 1000.
     """
     largest = np.linalg.eigvalsh(covariances).max(initial=0.0)
     axis = sigmas * np.sqrt(max(float(largest), 0.0))
-    fitting = [factor for factor in _MAGNIFICATIONS if factor * axis >= _VISIBLE * span_m]
+    fitting = [factor for factor in _MAGNIFICATIONS if factor * axis >= share * span_m]
     return fitting[0] if fitting else _MAGNIFICATIONS[-1]

@@ -1,7 +1,8 @@
 """How numbers change: the objective by announcement, position covariance by pose index.
 
-Every accepted announcement lowers the common objective, so the first curve only falls. The second
-is figures 11b, 13b and 15b of Regev and Indelman 2017.
+Every accepted announcement lowers the common objective, so the first curve only falls. The other
+two are figures 9b, 11b, 13b, 15b, 17b and 18b of Regev and Indelman 2017: by pose index for a pose
+graph, by time with sessions and arrivals for a closed loop.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +12,7 @@ import numpy as np
 
 from fgplan.checks import check_finite
 from fgplan.errors import InvalidInputError
-from fgplan.typing import ArrayLike
+from fgplan.typing import ArrayLike, FloatArray
 from fgplan.viz.figure import matplotlib_module, new_figure
 from fgplan.viz.palette import robot_styles
 
@@ -128,3 +129,84 @@ def position_covariance_figure(
     axes.legend(frameon=False)
     axes.set_title(title, fontsize=14)
     return figure
+
+
+def covariance_over_time_figure(
+    times_s: ArrayLike,
+    traces: Mapping[str, ArrayLike],
+    *,
+    sessions: Mapping[int, float] | None = None,
+    arrivals: Mapping[str, Sequence[float]] | None = None,
+    title: str = "Position covariance over time",
+) -> "Figure":
+    """Draw the trace of every robot's position covariance against time.
+
+    The axis at the right has the square root of the trace, metres, a size that can be compared
+    with the map.
+
+    Args:
+        times_s: Shape (T,), seconds, increasing.
+        traces: Trace of the position covariance by robot, shape (T,), square metres.
+        sessions: Time of each planning session by its number, seconds.
+        arrivals: Times at which each robot reached a goal, all among `times_s`.
+        title: Title of the figure.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        InvalidInputError: If there is no robot, a trace is negative, or shapes do not fit.
+        MissingExtraError: If matplotlib is not installed.
+    """
+    if not traces:
+        raise InvalidInputError("figure: expected covariances of at least one robot, got none")
+    times = check_finite(times_s, "times", (None,))
+    styles = robot_styles(tuple(traces))
+    figure = new_figure(height_px=500)
+    axes = figure.subplots()
+    for number, when in (sessions or {}).items():
+        axes.axvline(when, color="#A0A0A0", ls=":", lw=1.2)
+        axes.annotate(
+            f"session {number}",
+            (when, 1.0),
+            (3, -3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            va="top",
+            rotation=90,
+            fontsize=8,
+            color="#606060",
+        )
+    for robot, given in traces.items():
+        curve = check_finite(given, f"traces of robot {robot!r}", (times.size,))
+        if (curve < 0).any():
+            raise InvalidInputError(
+                f"traces of robot {robot!r}: expected none below zero, got {curve.min():g}"
+            )
+        color = styles[robot].color
+        axes.plot(times, curve, color=color, ls=styles[robot].dash, lw=1.8, label=robot)
+        reached = np.isin(times, np.asarray((arrivals or {}).get(robot, ())))
+        axes.plot(times[reached], curve[reached], "o", mfc="white", mec=color, mew=1.8, ms=8)
+    if arrivals:
+        axes.plot([], [], "o", mfc="white", mec="#404040", mew=1.8, ms=8, label="goal reached")
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("trace of the position covariance (m²)")
+    axes.set_ylim(bottom=0.0)
+    axes.margins(x=0.02)
+    axes.grid(axis="y", color="#E0E0E0", lw=0.8)
+    right = axes.secondary_yaxis("right", functions=(_signed_root, _signed_square))
+    right.set_ylabel("square root of it (m)")
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=8, frameon=False)
+    axes.set_title(title, fontsize=14)
+    return figure
+
+
+def _signed_root(values: ArrayLike) -> FloatArray:
+    """Square root that matplotlib may ask for below zero too."""
+    return np.sign(values) * np.sqrt(np.abs(values))
+
+
+def _signed_square(values: ArrayLike) -> FloatArray:
+    """The inverse of ``_signed_root``."""
+    return np.sign(values) * np.square(values)

@@ -15,8 +15,9 @@ from fgplan.errors import InvalidInputError
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.state import State
 from fgplan.typing import ArrayLike, FloatArray
+from fgplan.viz.ellipse import coverage, ellipse_outlines
 from fgplan.viz.figure import DPI, WIDTH_PX, matplotlib_module, new_figure
-from fgplan.viz.palette import LANDMARK, OBSTACLE, ROADMAP, UNKNOWN, RobotStyle
+from fgplan.viz.palette import LANDMARK, OBSTACLE, ROADMAP, UNKNOWN, UNMAPPED, RobotStyle
 from roadmaps import Workspace
 
 if TYPE_CHECKING:
@@ -34,14 +35,19 @@ Extent = tuple[FloatArray, FloatArray]
 """Least and greatest coordinates, each of shape (2,), metres."""
 
 
+def pose_positions(poses: FloatArray) -> FloatArray:
+    """Positions of poses (n, 3) or (n, 4, 4) seen from above, shape (n, 2), metres."""
+    return poses[:, :2] if poses.ndim == 2 else poses[:, :2, 3]
+
+
 def path_positions(path: CandidatePath) -> FloatArray:
     """Positions of a path seen from above, shape (L + 1, 2), metres."""
-    return path.poses[:, :2] if path.poses.ndim == 2 else path.poses[:, :2, 3]
+    return pose_positions(path.poses)
 
 
 def state_position(state: State) -> FloatArray:
     """Position of a state seen from above, shape (2,), metres."""
-    return state.pose[:2] if state.pose.ndim == 1 else state.pose[:2, 3]
+    return pose_positions(state.pose[None])[0]
 
 
 def map_extent(workspace: Workspace | None, points: Sequence[FloatArray]) -> Extent:
@@ -63,7 +69,27 @@ def map_extent(workspace: Workspace | None, points: Sequence[FloatArray]) -> Ext
     return lower - missing - share * longer, upper + missing + share * longer
 
 
-class MapPicture:
+class Legend:
+    """What marks mean, in the order in which they are drawn; the first of a label stays.
+
+    Attributes:
+        entries: Artist by label.
+    """
+
+    def __init__(self) -> None:
+        self.entries: dict[str, Any] = {}
+
+    def entry(self, label: str, **style: object) -> None:
+        """Add an entry drawn as a line or marker."""
+        line = matplotlib_module("lines").Line2D([], [], **style)
+        self.entries.setdefault(label, line)
+
+    def patch_entry(self, label: str, **style: object) -> None:
+        """Add an entry drawn as a filled patch."""
+        self.entries.setdefault(label, matplotlib_module("patches").Patch(**style))
+
+
+class MapPicture(Legend):
     """A figure with one or more maps of the same extent, and one legend.
 
     One map has the legend at its right, several have it below. Matplotlib's own layouts cut off
@@ -71,11 +97,11 @@ class MapPicture:
     """
 
     def __init__(self, extent: Extent, panels: int = 1) -> None:
+        super().__init__()
         lower, upper = extent
         self._proportion = float((upper[1] - lower[1]) / (upper[0] - lower[0]))
         self.figure: Figure = new_figure(lays_itself_out=False)
         self.axes: list[Axes] = list(self.figure.subplots(1, panels, squeeze=False)[0])
-        self._entries: dict[str, Any] = {}
         for place, axes in enumerate(self.axes):
             axes.set_xlim(lower[0], upper[0])
             axes.set_ylim(lower[1], upper[1])
@@ -84,22 +110,13 @@ class MapPicture:
             if place == 0:
                 axes.set_ylabel("y (m)")
 
-    def entry(self, label: str, **style: object) -> None:
-        """Add a legend entry drawn as a line or marker; the first of a label stays."""
-        line = matplotlib_module("lines").Line2D([], [], **style)
-        self._entries.setdefault(label, line)
-
-    def patch_entry(self, label: str, **style: object) -> None:
-        """Add a legend entry drawn as a filled patch."""
-        self._entries.setdefault(label, matplotlib_module("patches").Patch(**style))
-
     def finish(self, title: str) -> "Figure":
         """Put title and legend, place the maps, and hand out the figure."""
         panels = len(self.axes)
         beside = panels == 1
         legend = self.figure.legend(
-            list(self._entries.values()),
-            list(self._entries),
+            list(self.entries.values()),
+            list(self.entries),
             loc="upper left" if beside else "lower center",
             bbox_to_anchor=(0.0, 0.0),
             ncols=1 if beside else 3,
@@ -132,12 +149,12 @@ class MapPicture:
         return self.figure
 
 
-def draw_workspace(picture: MapPicture, axes: "Axes", workspace: Workspace) -> None:
+def draw_workspace(legend: Legend, axes: "Axes", workspace: Workspace) -> None:
     """Draw bounds, polygons and grid cells.
 
     Args:
-        picture: Takes the legend entries.
-        axes: Axes of the picture.
+        legend: Takes the legend entries.
+        axes: Axes of the map.
         workspace: Bounds and obstacles.
     """
     grid = workspace.grid
@@ -160,7 +177,7 @@ def draw_workspace(picture: MapPicture, axes: "Axes", workspace: Workspace) -> N
         )
         axes.set_aspect("equal")
         if (grid.occupancy < 0).any():
-            picture.patch_entry("unknown cells", color=UNKNOWN)
+            legend.patch_entry("unknown cells", color=UNKNOWN)
     size = workspace.upper - workspace.lower
     axes.add_patch(
         matplotlib_module("patches").Rectangle(
@@ -179,15 +196,15 @@ def draw_workspace(picture: MapPicture, axes: "Axes", workspace: Workspace) -> N
             autolim=False,
         )
     if workspace.obstacles or (grid is not None and (grid.occupancy > 0).any()):
-        picture.patch_entry("obstacle", color=OBSTACLE)
+        legend.patch_entry("obstacle", color=OBSTACLE)
 
 
-def draw_roadmap(picture: MapPicture, axes: "Axes", roadmap: nx.Graph) -> None:
+def draw_roadmap(legend: Legend, axes: "Axes", roadmap: nx.Graph) -> None:
     """Draw vertices and edges in the background.
 
     Args:
-        picture: Takes the legend entry.
-        axes: Axes of the picture.
+        legend: Takes the legend entry.
+        axes: Axes of the map.
         roadmap: Graph with `position` on its vertices, metres, world frame.
 
     Raises:
@@ -202,7 +219,7 @@ def draw_roadmap(picture: MapPicture, axes: "Axes", roadmap: nx.Graph) -> None:
     draw_lines(axes, edges, color=ROADMAP, lw=0.5, zorder=1.5)
     points = np.array(list(positions.values())).reshape(-1, 2)
     axes.plot(points[:, 0], points[:, 1], ".", color=ROADMAP, ms=3, zorder=1.6)
-    picture.entry("roadmap", color=ROADMAP, marker=".", lw=0.8)
+    legend.entry("roadmap", color=ROADMAP, marker=".", lw=0.8)
 
 
 def draw_lines(
@@ -238,22 +255,60 @@ def draw_lines(
         axes.add_collection(collection, autolim=False)
 
 
-def draw_landmarks(picture: MapPicture, axes: "Axes", positions: ArrayLike) -> None:
+def draw_landmarks(legend: Legend, axes: "Axes", positions: ArrayLike) -> None:
     """Draw mapped landmarks as small dots.
 
     Args:
-        picture: Takes the legend entry.
-        axes: Axes of the picture.
+        legend: Takes the legend entry.
+        axes: Axes of the map.
         positions: Shape (N, 2), metres, world frame.
     """
     points = check_finite(positions, "landmark positions", (None, 2))
     if len(points):
         axes.plot(points[:, 0], points[:, 1], "+", color=LANDMARK, ms=5, mew=0.9, zorder=3)
-        picture.entry(f"mapped landmark ({len(points)})", color=LANDMARK, marker="+", ls="", ms=6)
+        legend.entry(f"mapped landmark ({len(points)})", color=LANDMARK, marker="+", ls="", ms=6)
+
+
+def draw_world(legend: Legend, axes: "Axes", positions: ArrayLike) -> None:
+    """Draw true landmarks as tiny dots, mapped or not.
+
+    Args:
+        legend: Takes the legend entry.
+        axes: Axes of the map.
+        positions: Shape (N, 2), metres, world frame.
+    """
+    points = check_finite(positions, "true landmark positions", (None, 2))
+    if len(points):
+        axes.plot(points[:, 0], points[:, 1], ".", color=UNMAPPED, ms=4.5, mew=0, zorder=1.8)
+        legend.entry(f"landmark, true ({len(points)})", color=UNMAPPED, marker=".", ls="", ms=6)
+
+
+def draw_ellipses(
+    axes: "Axes", centers: FloatArray, covariances: FloatArray, size: float, color: str
+) -> None:
+    """Draw covariance ellipses: a line in the colour over a pale fill.
+
+    Args:
+        axes: Where to.
+        centers: Shape (n, 2), metres, world frame.
+        covariances: Shape (n, 2, 2), square metres, world frame.
+        size: Standard deviations times magnification.
+        color: Colour of all.
+    """
+    for outline in ellipse_outlines(centers, covariances, size):
+        axes.fill(*outline.T, facecolor=color, alpha=0.12, lw=0, zorder=3.8)
+        axes.plot(*outline.T, color=color, lw=0.9, zorder=4)
+
+
+def ellipse_entry(legend: Legend, of_what: str, sigmas: float, magnification: float) -> None:
+    """Put into the legend what ellipses hold, and how much larger they are drawn."""
+    larger = f",\ndrawn {magnification:g}× larger" if magnification != 1 else ""
+    label = f"{of_what}, {sigmas:g}σ\n({coverage(sigmas):.1%} inside){larger}"
+    legend.entry(label, color="#404040", marker="o", mfc="#DDDDDD", ls="", ms=13, mew=1.0)
 
 
 def draw_start(
-    picture: MapPicture, axes: "Axes", robot: str, position: FloatArray, style: RobotStyle
+    legend: Legend, axes: "Axes", robot: str, position: FloatArray, style: RobotStyle
 ) -> None:
     """Draw a robot's start as a star with its name."""
     axes.plot(*position, "*", color=style.color, mec="white", mew=0.8, ms=19, zorder=8)
@@ -269,22 +324,24 @@ def draw_start(
     )
     halo = matplotlib_module("patheffects").withStroke(linewidth=2.5, foreground="white")
     label.set_path_effects([halo])
-    picture.entry("start", color="#404040", marker="*", ls="", ms=13)
+    legend.entry("start", color="#404040", marker="*", ls="", ms=13)
 
 
 def draw_goals(
-    picture: MapPicture,
+    legend: Legend,
     axes: "Axes",
     goals: Mapping[str, ArrayLike],
     styles: Mapping[str, RobotStyle],
+    current: Mapping[str, int] | None = None,
 ) -> None:
     """Draw goals as ringed discs; numbered in the order of visiting if a robot has several.
 
     Args:
-        picture: Takes the legend entry.
-        axes: Axes of the picture.
+        legend: Takes the legend entry.
+        axes: Axes of the map.
         goals: Shape (G, 2), (G, 3) or one goal alone, by robot, metres, world frame.
         styles: Style by robot.
+        current: Number of the goal that a robot heads for, from 1; its disc is filled.
     """
     for robot, given in goals.items():
         points = check_finite(
@@ -292,15 +349,19 @@ def draw_goals(
         )[:, :2]
         color = styles[robot].color
         for number, point in enumerate(points, start=1):
-            axes.plot(*point, "o", mfc="white", mec=color, mew=2.4, ms=13, zorder=7)
+            heads_for_it = current is not None and current.get(robot) == number
+            ground, ink = (color, "white") if heads_for_it else ("white", color)
+            axes.plot(*point, "o", mfc=ground, mec=color, mew=2.4, ms=13, zorder=7)
             axes.annotate(
                 str(number) if len(points) > 1 else "",
                 point,
-                color=color,
+                color=ink,
                 fontsize=9,
                 fontweight="bold",
                 ha="center",
                 va="center",
                 zorder=7.5,
             )
-        picture.entry("goal", mfc="white", mec="#404040", mew=2, marker="o", ls="", ms=10)
+        legend.entry("goal", mfc="white", mec="#404040", mew=2, marker="o", ls="", ms=10)
+    if current:
+        legend.entry("goal headed for", mfc="#404040", mec="#404040", marker="o", ls="", ms=11)

@@ -2,7 +2,10 @@
 
 Eight robot colours that stay apart for protan and deutan eyes too (smallest CIELAB difference 14
 under simulated deficiency), and apart from the factor colours; robots nine to sixteen repeat them
-with dashed lines. Colour is never the only sign: starts carry the robot's name.
+with dashed lines. Colour is never the only sign: starts carry the robot's name. A team whose robots
+are all called by a colour of ``NAMED_COLORS``, as those of Regev and Indelman 2017, section 7.2
+("red, green, blue and purple"), is drawn in the colours that it is called by; those four stay 19
+apart, from one another and from the factors.
 """
 
 from collections.abc import Sequence
@@ -21,6 +24,14 @@ ROBOT_COLORS = (
     "#000000",
 )
 
+NAMED_COLORS = {
+    "red": "#D62728",
+    "green": "#1B8A3A",
+    "blue": "#1F5FD0",
+    "purple": "#7B2D8B",
+}
+"""Colours of robots that are called by a colour."""
+
 UNCHANGED = "#00B8D9"
 """Cyan: multi-robot factors; in comparisons those of both announcements."""
 
@@ -35,6 +46,8 @@ UNKNOWN = "#E4E4E4"
 ROADMAP = "#E2E2E2"
 UNTOUCHED = "#A6A6A6"
 LANDMARK = "#404040"
+UNMAPPED = "#969696"
+"""Where landmarks truly are: tiny dots."""
 
 LIMIT = 2 * len(ROBOT_COLORS)
 """Number of robots that can be told apart."""
@@ -68,6 +81,8 @@ def robot_styles(robots: Sequence[str]) -> dict[str, RobotStyle]:
     names = tuple(robots)
     if len(set(names)) != len(names):
         raise InvalidInputError(f"figure: expected unique robot names, got {names}")
+    if all(name in NAMED_COLORS for name in names):
+        return {name: RobotStyle(NAMED_COLORS[name], "-") for name in names}
     styles = {}
     for place, name in enumerate(names):
         dashed = place % LIMIT >= len(ROBOT_COLORS)

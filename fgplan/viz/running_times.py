@@ -90,7 +90,7 @@ def running_time_bars_figure(
     sessions: Sequence[str],
     seconds: Mapping[str, ArrayLike],
     *,
-    reference: str,
+    reference: str | None,
     title: str = "Running time by planning session",
 ) -> "Figure":
     """Draw bars of running times by session and evaluator, and how much slower the reference is.
@@ -98,33 +98,36 @@ def running_time_bars_figure(
     Args:
         sessions: Names of the planning sessions, S in all.
         seconds: By evaluator: shape (S,), seconds.
-        reference: Evaluator that the others are compared with.
+        reference: Evaluator that the others are compared with; None leaves the ratios out.
         title: Title of the figure.
 
     Returns:
-        A matplotlib Figure with two panels: seconds, and ratio reference over evaluator.
+        A matplotlib Figure with two panels: seconds, and ratio reference over evaluator (seconds
+        alone without a reference).
 
     Raises:
         InvalidInputError: If times do not fit or are not above zero.
         UnknownNameError: If the reference has no times.
         MissingExtraError: If matplotlib is not installed.
     """
-    if reference not in seconds:
+    if reference is not None and reference not in seconds:
         known = ", ".join(seconds) or "none"
         raise UnknownNameError(f"figure: reference {reference!r} is not one of: {known}")
     times = {name: _check_times(given, name, (len(sessions),)) for name, given in seconds.items()}
     figure = new_figure(height_px=520)
-    left, right = figure.subplots(1, 2)
     colors = {name: _color(place) for place, name in enumerate(times)}
+    left, *others = figure.subplots(1, 1 if reference is None else 2, squeeze=False)[0]
     _bars(left, sessions, times, colors, "")
-    ratios = {name: times[reference] / each for name, each in times.items() if name != reference}
-    _bars(right, sessions, ratios, colors, "×")
     left.set_yscale("log")
     left.set_ylabel("running time (s)")
     left.set_title("Running time", fontsize=12)
-    right.axhline(1.0, color="#404040", lw=1.0, ls="--")
-    right.set_ylabel(f"ratio: {reference} / evaluator (no unit)")
-    right.set_title(f"How many times faster than {reference}", fontsize=12)
+    if reference is not None:
+        right = others[0]
+        ratios = {n: times[reference] / each for n, each in times.items() if n != reference}
+        _bars(right, sessions, ratios, colors, "×")
+        right.axhline(1.0, color="#404040", lw=1.0, ls="--")
+        right.set_ylabel(f"ratio: {reference} / evaluator (no unit)")
+        right.set_title(f"How many times faster than {reference}", fontsize=12)
     figure.legend(
         *left.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False
     )
