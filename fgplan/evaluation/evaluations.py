@@ -32,6 +32,11 @@ class ReevaluationReport:
         untouched: Indices of candidates that only share a constant of the others' terms.
         messages_reused: Candidate messages taken over from before.
         messages_rebuilt: Candidate messages built anew.
+        segments_reused: Distinct segments of candidate paths whose messages were carried over from
+            an earlier planning session, in the candidate messages built anew.
+        segments_rebuilt: Distinct segments in the same messages that had to be built; a segment
+            may count in both where one candidate meets an announced path on it and another does
+            not.
         solves: Final solves or eliminations done.
         skipped: Indices excluded by a lower bound without being evaluated.
         fallbacks: Solves that the fast form refused and the reference form or a QR did.
@@ -47,6 +52,8 @@ class ReevaluationReport:
     untouched: tuple[int, ...] = ()
     messages_reused: int = 0
     messages_rebuilt: int = 0
+    segments_reused: int = 0
+    segments_rebuilt: int = 0
     solves: int = 0
     skipped: tuple[int, ...] = ()
     fallbacks: int = 0

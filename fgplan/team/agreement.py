@@ -1,7 +1,8 @@
 """What a team has agreed on, and what it cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from fgplan.announcement.ledger import Ledger
 from fgplan.paths.candidate_path import CandidatePath
@@ -28,6 +29,8 @@ class Agreement:
         seconds: Real seconds: ``start`` of the evaluators, ``evaluation``, ``coordination`` (all
             the rest).
         warnings: Plain sentences.
+        evaluator_states: Last state of the evaluator of each robot that has candidates; an
+            evaluator that has ``carry`` makes of it what the next session may use again.
     """
 
     agreed: bool
@@ -42,6 +45,7 @@ class Agreement:
     clock_s: float
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = ()
+    evaluator_states: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def value(self) -> float:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ def set_up_team(
     options: CoordinationOptions | None = None,
     goals: Mapping[str, ArrayLike] | None = None,
     prior_digest: str | None = None,
+    carried: Mapping[str, Any] | None = None,
 ) -> dict[str, RobotSetup]:
     """What each robot of a team knows before a planning session.
 
@@ -44,17 +46,23 @@ def set_up_team(
         options: How the team comes to agree; None is the default for this evaluator.
         goals: Goal of each robot, metres, world frame; travels with its announcements.
         prior_digest: Digest of the prior where the caller has it; None computes it.
+        carried: By robot, what its evaluator carries over from an earlier session; evaluators
+            without ``carry`` do not read it.
 
     Returns:
         Set-up of each robot, in the order of the team.
 
     Raises:
-        UnknownNameError: If candidates are given for a robot that is not in the team, or there is
-            no such evaluator.
+        UnknownNameError: If candidates or something carried are given for a robot that is not in
+            the team, or there is no such evaluator.
         InvalidInputError: If the evaluator is none, or the candidates of a robot are no sequence.
     """
     robots = tuple(problem.robots)
     evaluating = find_evaluator(evaluator)
+    memories = carried or {}
+    for robot in memories:
+        if robot not in robots:
+            raise UnknownNameError(f"carried: robot {robot!r} is not one of {', '.join(robots)}")
     for robot in candidates:
         if robot not in robots:
             raise UnknownNameError(f"candidates: robot {robot!r} is not one of {', '.join(robots)}")
@@ -81,6 +89,7 @@ def set_up_team(
                 terms=terms[robot],
             ),
             expected_terms=terms,
+            carried=memories.get(robot),
         )
         for robot in robots
     }
@@ -107,6 +116,7 @@ def coordinate(
     goals: Mapping[str, ArrayLike] | None = None,
     transport: SimulatedTransport | None = None,
     prior_digest: str | None = None,
+    carried: Mapping[str, Any] | None = None,
     progress: Callable[[TurnRecord], None] | None = None,
 ) -> Agreement:
     """Let a team agree on paths.
@@ -121,6 +131,9 @@ def coordinate(
         goals: Goal of each robot, metres, world frame.
         transport: What carries the messages; None is in process without faults.
         prior_digest: Digest of the prior where the caller has it; None computes it.
+        carried: By robot, what ``Incremental.carry`` made of its evaluator's state after an
+            earlier session (``Agreement.evaluator_states``); evaluators without ``carry`` do not
+            read it.
         progress: Called after each entry that a robot writes.
 
     Returns:
@@ -128,15 +141,21 @@ def coordinate(
 
     Raises:
         NoCandidatePathError: If a robot has no candidate path and may not stay; names it.
-        UnknownNameError: If candidates are given for a robot that is not in the team, or there is
-            no such evaluator.
+        UnknownNameError: If candidates or something carried are given for a robot that is not in
+            the team, or there is no such evaluator.
         InvalidInputError: If the evaluator is none, or the candidates of a robot are no sequence.
     """
     began = time.perf_counter()
     evaluating = find_evaluator(evaluator)
     chosen = options or default_options(evaluating)
     setups = set_up_team(
-        problem, candidates, evaluating, options=chosen, goals=goals, prior_digest=prior_digest
+        problem,
+        candidates,
+        evaluating,
+        options=chosen,
+        goals=goals,
+        prior_digest=prior_digest,
+        carried=carried,
     )
     network = transport or InProcessTransport(tuple(setups))
     starting = time.perf_counter()
@@ -222,4 +241,7 @@ def _agreement(
             "coordination": time.perf_counter() - began - start_s - evaluation_s,
         },
         warnings=tuple(warnings),
+        evaluator_states={
+            r: s.evaluator_state for r, s in states.items() if s.evaluator_state is not None
+        },
     )

@@ -32,6 +32,8 @@ class RobotSetup:
         options: How the team comes to agree.
         sender: Session, prior digest, goal and terms that its messages carry.
         expected_terms: Objective terms that each robot must announce.
+        carried: What its evaluator carries over from an earlier session, or None; only for
+            evaluators that have ``carry``.
     """
 
     robot: str
@@ -42,6 +44,7 @@ class RobotSetup:
     options: CoordinationOptions
     sender: Sender
     expected_terms: Mapping[str, tuple[TermData, ...]]
+    carried: Any = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +134,9 @@ def start_robot(setup: RobotSetup) -> RobotState:
         )
     prepared = None
     if setup.candidates:
-        prepared = setup.evaluator.start(setup.problem, setup.robot, setup.candidates)
+        evaluator: Any = setup.evaluator
+        known = {"carried": setup.carried} if hasattr(evaluator, "carry") else {}
+        prepared = evaluator.start(setup.problem, setup.robot, setup.candidates, **known)
     return RobotState(
         setup=setup,
         evaluator_state=prepared,

@@ -16,7 +16,8 @@ from fgplan.beliefs.belief import Belief
 from fgplan.errors import InvalidInputError, NoCandidatePathError, UnknownNameError
 from fgplan.evaluation.from_scratch import FromScratch
 from fgplan.evaluation.incremental import prior_marginal
-from fgplan.evaluation.incremental.evaluator import FIRST_CAPACITY, Incremental
+from fgplan.evaluation.incremental.evaluator import Incremental
+from fgplan.evaluation.incremental.preparation import FIRST_CAPACITY
 from fgplan.evaluation.objective import (
     Objective,
     PathTerm,

@@ -12,46 +12,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fgplan.errors import InvalidInputError, NoCandidatePathError
+from fgplan.errors import InvalidInputError
 from fgplan.evaluation.evaluations import (
     Evaluations,
     ReevaluationReport,
     select,
     weigh,
 )
-from fgplan.evaluation.incremental.candidate_table import tabulate
 from fgplan.evaluation.incremental.candidate_terms import (
     Work,
     candidate_terms,
     constant_terms,
     lower_bounds,
 )
-from fgplan.evaluation.incremental.factor_blocks import no_blocks
 from fgplan.evaluation.incremental.memory import Memory
-from fgplan.evaluation.incremental.numbering import Numbering
-from fgplan.evaluation.incremental.prior_marginal import (
-    eliminate_history,
-    needed_keys,
-    restrict,
-)
+from fgplan.evaluation.incremental.preparation import exchange, prepare
+from fgplan.evaluation.incremental.segments import Carried, carry_segments, find_segments
 from fgplan.evaluation.incremental.turn import (
     Turn,
     begin_turn,
-    own_states,
     reads_only_the_end,
     separable,
-    touched_keys,
 )
-from fgplan.evaluation.incremental.universe import fixed_blocks
+from fgplan.evaluation.incremental.universe import widths
 from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
-from fgplan.evaluation.term_values import prior_covariances
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.threads import one_blas_thread
 from fgplan.typing import BoolArray, FloatArray
-
-FIRST_CAPACITY = 64
-"""Steps an announced path may have before variables are numbered anew."""
 
 FIRST_BATCH = 3
 """Candidates evaluated exactly before the bound is used; later batches are twice as large."""
@@ -95,7 +83,11 @@ class Incremental:
 
     @one_blas_thread()
     def start(
-        self, problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
+        self,
+        problem: PlanningProblem,
+        robot: str,
+        candidates: Sequence[CandidatePath],
+        carried: Carried | None = None,
     ) -> Memory:
         """Prepare what depends on the prior and the candidates alone.
 
@@ -103,6 +95,8 @@ class Incremental:
             problem: Prior, team, objective and models.
             robot: Whose candidates these are.
             candidates: At least one path of the robot.
+            carried: What ``carry`` gave after an earlier session, under whatever prior; None for
+                the first. It is used where all terms read the end and no whole own path.
 
         Returns:
             Memory for ``evaluate`` and ``choose``.
@@ -112,56 +106,67 @@ class Incremental:
             InvalidInputError: If a candidate is another robot's or does not fit the prior.
             IllPosedBeliefError: If the prior has no finite covariance.
         """
-        if not candidates:
-            raise NoCandidatePathError(
-                f"robot {robot!r}: expected at least one candidate path, got none; check that its "
-                "goal is reachable"
-            )
-        for path in candidates:
-            if path.robot != robot:
-                raise InvalidInputError(
-                    f"candidates of robot {robot!r}: expected its own paths, got one of "
-                    f"{path.robot!r}"
-                )
-        problem.check_paths(candidates)
-        table = tabulate(candidates)
-        landmarks = [o.landmark for path in candidates for o in path.observations]
-        own = own_states(problem, table)
-        touched = touched_keys(problem, own, landmarks)
-        wide = eliminate_history(problem, touched)
-        numbering = Numbering(problem.robots, FIRST_CAPACITY, needed_keys(problem, touched))
-        return Memory(
-            problem=problem,
-            robot=robot,
-            table=table,
-            wide=wide,
-            numbering=numbering,
-            prior=restrict(wide, numbering.prior_keys),
-            fixed=fixed_blocks(problem, numbering, own, table.observations),
-            prior_blocks=prior_covariances(problem),
-            path_terms=_path_terms(problem, robot, candidates),
-            moving=no_blocks(len(table.poses), problem.dim),
+        return prepare(problem, robot, candidates, carried)
+
+    @one_blas_thread()
+    def carry(self, memory: Memory) -> Carried:
+        """Messages of the candidates' segments, for ``start`` of the next session.
+
+        It depends on prior and candidates alone: what a session has evaluated makes no difference.
+        There is time for it while the robots move.
+
+        Args:
+            memory: Memory of the last evaluation, or of ``start``.
+
+        Returns:
+            Segment messages, found again by their content; at most ``memory_bytes``.
+        """
+        table, fixed, numbering = memory.table, memory.fixed, memory.numbering
+        segments = memory.segments or find_segments(table, fixed, numbering, None)
+        width = widths(memory.problem.dim, numbering, memory.prior)
+        return carry_segments(
+            table, fixed, numbering, width, memory.carried, segments, self.memory_bytes
         )
 
     @one_blas_thread()
     def add_candidates(self, memory: Memory, candidates: Sequence[CandidatePath]) -> Memory:
-        """Append candidates; the announcements stay known, values are computed at the next call.
+        """Append candidates; announcements, messages and values of the old ones stay.
 
         Args:
             memory: Memory of the last evaluation.
             candidates: New paths, appended after the old ones.
 
         Returns:
-            Memory for all candidates.
+            Memory for all candidates; those of the new ones are computed at the next call.
+
+        Raises:
+            InvalidInputError: If a candidate is another robot's or does not fit the prior.
         """
-        fresh = self.start(memory.problem, memory.robot, [*memory.table.paths, *candidates])
-        turn = begin_turn(fresh, memory.announced)
-        terms = None
-        if memory.terms is not None:
-            width = len(memory.problem.objective.terms)
-            terms = np.full((len(fresh.table.paths), width), np.nan)
-            terms[: len(memory.terms)] = memory.terms
-        return replace(turn.memory, terms=terms)
+        return exchange(memory, range(len(memory.table.paths)), candidates)
+
+    @one_blas_thread()
+    def replace_candidates(
+        self, memory: Memory, kept: Sequence[int], candidates: Sequence[CandidatePath]
+    ) -> Memory:
+        """Keep some candidates and append new ones, under the same prior.
+
+        For an obstacle that is seen during a session: the candidates that it blocks go, and
+        announcements, messages and values of the others stay.
+
+        Args:
+            memory: Memory of the last evaluation.
+            kept: Indices of the candidates to keep, increasing; they come first, in this order.
+            candidates: New paths, appended after them.
+
+        Returns:
+            Memory for these candidates; those of the new ones are computed at the next call.
+
+        Raises:
+            NoCandidatePathError: If no candidate is left.
+            InvalidInputError: If indices are not increasing or out of range, or a candidate is
+                another robot's or does not fit the prior.
+        """
+        return exchange(memory, kept, candidates)
 
     @one_blas_thread()
     def evaluate(
@@ -276,18 +281,6 @@ class Incremental:
         return replace(turn.memory, pools=tuple(pools), terms=terms)
 
 
-def _path_terms(
-    problem: PlanningProblem, robot: str, candidates: Sequence[CandidatePath]
-) -> FloatArray:
-    """Terms of the candidates' own paths, shape (N, T)."""
-    terms = problem.objective.terms
-    values = np.zeros((len(candidates), len(terms)))
-    for place, term in enumerate(terms):
-        if not isinstance(term, UncertaintyTerm) and term.robot == robot:
-            values[:, place] = [term.value(path) for path in candidates]
-    return values
-
-
 def _carried_over(turn: Turn) -> tuple[FloatArray, BoolArray]:
     """Terms of the candidates that the change does not reach, and which those are."""
     memory = turn.memory
@@ -329,6 +322,8 @@ def _report(
         messages_rebuilt=work.rebuilt,
         solves=work.solves,
         skipped=skipped,
+        segments_reused=len(work.segments_reused),
+        segments_rebuilt=len(work.segments_rebuilt),
         fallbacks=work.fallbacks + int(any(u.by_qr for u in turn.universes.values())),
         bytes_held=after.bytes,
     )

@@ -4,7 +4,7 @@ Order of work in a turn: blocks of the paths that changed; S; factors of the own
 announced poses; the difference to the last turn. Everything after that is a candidate at a time.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -152,7 +152,7 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
     meetings = grown.meetings
     if changed or meetings is None:
         meetings = _meetings(problem, grown.numbering, new)
-    moving = _moving(grown, new)
+    moving = factors_with_announced(grown, new)
     counted = memory.table.counted
     change = factor_change(grown.numbering, old, new, grown.moving, moving, changed, counted)
     after = replace(grown, announced=new, own_pieces=own, meetings=meetings, moving=moving)
@@ -164,34 +164,51 @@ def begin_turn(memory: Memory, announced: Mapping[str, CandidatePath]) -> Turn:
 def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, ...]) -> Memory:
     """Number variables that were not touched before; longer paths renumber everything."""
     problem, numbering = memory.problem, memory.numbering
-    keys = dict.fromkeys(numbering.prior_keys)
+    touched: list[Key] = []
     for robot in changed:
         if robot in new:
             path = new[robot]
             landmarks = [o.landmark for o in path.observations]
-            keys.update(dict.fromkeys(touched_keys(problem, states_of(problem, [path]), landmarks)))
+            touched += touched_keys(problem, states_of(problem, [path]), landmarks)
+    grown = with_keys(memory, touched)
     longest = max((path.steps for path in new.values()), default=0)
-    if len(keys) == len(numbering.prior_keys) and longest <= numbering.capacity:
-        return memory
-    wide = memory.wide
-    if not set(keys) <= set(wide.keys):
-        wide = eliminate_history(problem, keys)
     capacity = numbering.capacity
+    if longest <= capacity:
+        return grown
     while capacity < longest:
         capacity *= 2
-    fresh = Numbering(numbering.robots, capacity, tuple(keys))
-    grown = replace(memory, wide=wide, numbering=fresh, prior=restrict(wide, fresh.prior_keys))
-    if capacity == numbering.capacity:  # new variables come last: all other numbers still hold
-        return grown
+    fresh = replace(grown.numbering, capacity=capacity)
     table = memory.table
     grown = replace(
         grown,
+        numbering=fresh,
         fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
         own_pieces={r: (p, path_blocks(problem, fresh, p)) for r, p in memory.announced.items()},
         meetings=_meetings(problem, fresh, memory.announced),
         pools=(),
     )
-    return replace(grown, moving=_moving(grown, memory.announced))
+    return replace(grown, moving=factors_with_announced(grown, memory.announced))
+
+
+def with_keys(memory: Memory, touched: Sequence[Key]) -> Memory:
+    """Number prior variables that were not touched before.
+
+    Args:
+        memory: Memory of the last evaluation.
+        touched: Prior variables.
+
+    Returns:
+        Memory in which they have numbers; new ones come last, so all other numbers still hold.
+    """
+    numbering, wide = memory.numbering, memory.wide
+    keys = dict.fromkeys(numbering.prior_keys)
+    keys.update(dict.fromkeys(touched))
+    if len(keys) == len(numbering.prior_keys):
+        return memory
+    if not set(keys) <= set(wide.keys):
+        wide = eliminate_history(memory.problem, keys)
+    fresh = replace(numbering, prior_keys=tuple(keys))
+    return replace(memory, wide=wide, numbering=fresh, prior=restrict(wide, fresh.prior_keys))
 
 
 def _meetings(
@@ -201,8 +218,16 @@ def _meetings(
     return meeting_blocks(problem, numbering, list(announced.values())) if announced else None
 
 
-def _moving(memory: Memory, announced: Mapping[str, CandidatePath]) -> FactorBlocks:
-    """Factors of the distinct own states with all announced poses."""
+def factors_with_announced(memory: Memory, announced: Mapping[str, CandidatePath]) -> FactorBlocks:
+    """Factors of the distinct own states with all announced poses.
+
+    Args:
+        memory: Holds the candidates and numbers of variables.
+        announced: The others' paths.
+
+    Returns:
+        The table over the distinct own states.
+    """
     problem, table = memory.problem, memory.table
     if not announced or not problem.multi_robot:
         return no_blocks(len(table.poses), problem.dim)

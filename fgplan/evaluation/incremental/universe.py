@@ -147,6 +147,21 @@ def _of_factors(
     )
 
 
+def widths(dim: int, numbering: Numbering, prior: PriorMarginal) -> IntArray:
+    """Tangent dimension of each variable.
+
+    Args:
+        dim: That of a pose.
+        numbering: Numbers of variables.
+        prior: Marginal of ``numbering.prior_keys``.
+
+    Returns:
+        Shape (V,).
+    """
+    poses = np.full(len(numbering.robots) * numbering.capacity, dim, np.int64)
+    return np.concatenate([poses, prior.dims])
+
+
 def build_universe(
     problem: PlanningProblem,
     numbering: Numbering,
@@ -173,8 +188,7 @@ def build_universe(
     dim = problem.dim
     base = len(numbering.robots) * numbering.capacity
     column = np.full(base + len(prior.keys), -1, np.int64)
-    width = np.full(len(column), dim, np.int64)
-    width[base:] = prior.dims
+    width = widths(dim, numbering, prior)
     column[base:] = prior.offsets
     size = len(prior.rows)
     for robot, path in announced.items():
