@@ -1,1 +1,1 @@
-"""Plan, move, observe, estimate, plan again: active multi-robot SLAM until all goals are reached."""
+"""Plan, move, observe, estimate, plan again until every goal is reached: active SLAM by a team."""

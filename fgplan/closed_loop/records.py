@@ -86,14 +86,14 @@ class EvaluatorRecord:
         objective: Common objective at the end.
         turns: Turns that agreement took.
         impacted_share: Mean share of a robot's candidates that an announcement impacted, over all
-            evaluations but each robot's first; NaN where there is none or it is not known.
+            evaluations but each robot's first; None where there is none.
     """
 
     seconds: float
     chosen: Mapping[str, int]
     objective: float
     turns: int
-    impacted_share: float = float("nan")
+    impacted_share: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,12 +118,13 @@ class SessionRecord:
         announced_by: Who announced; "all" for round 0; as many as values.
         runs: By evaluator, the same session planned by it; the first is the one executed.
         max_rel_diff: Largest relative difference of any objective term of any candidate under the
-            final announcements, against from scratch by QR; NaN where not compared.
+            final announcements, against from scratch by QR; None where not compared.
         counts: Whole numbers by name: factors, vertices, messages reused and rebuilt, solves, ...
         segments_reused: By robot, segment messages taken over from earlier sessions.
         segments_rebuilt: By robot, segment messages of kept candidates that were built anew.
         candidates_kept: By robot, candidates kept from the session before.
-        candidates_replaced: By robot, candidates that an obstacle or an arrival replaced.
+        candidates_replaced: By robot, candidates that are new.
+        unreachable: By robot, why a goal was given up.
     """
 
     session: int
@@ -142,12 +143,13 @@ class SessionRecord:
     values: tuple[float, ...]
     announced_by: tuple[str, ...]
     runs: Mapping[str, EvaluatorRecord]
-    max_rel_diff: float = float("nan")
+    max_rel_diff: float | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
     segments_reused: Mapping[str, int] = field(default_factory=dict)
     segments_rebuilt: Mapping[str, int] = field(default_factory=dict)
     candidates_kept: Mapping[str, int] = field(default_factory=dict)
     candidates_replaced: Mapping[str, int] = field(default_factory=dict)
+    unreachable: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,19 @@ MAX_STEPS = 2**48
 _FUTURE_PREFIX = ord(FUTURE_CHARACTER) << 56
 
 
+def symbol_key(character: str, index: int) -> Key:
+    """GTSAM's Symbol, as ``gtsam.symbol`` makes it.
+
+    Args:
+        character: One ASCII character.
+        index: 0 or more.
+
+    Returns:
+        The key.
+    """
+    return (ord(character) << 56) | index
+
+
 def describe_key(key: Key) -> str:
     """Name a key as its maker would write it.
 

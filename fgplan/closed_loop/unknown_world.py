@@ -1,0 +1,136 @@
+"""The unknown world of section 7.2 of Regev and Indelman 2017, as far as the paper prints it.
+
+Printed: 2000 x 2500 m, 200 landmarks that nobody knows beforehand, four robots (red, green, blue,
+purple) with three goals each, priors of 1e-6 m, bearing and range observations, association known,
+goals such that unmapped and mapped ground is crossed, and the three scenarios of Table 1:
+
+    scenario   large prior   factors between robots in planning
+    1          none          yes
+    2          none          no
+    3          red, green    yes
+
+Not printed, and ours: everything with a number below. Red and green start side by side, as do blue
+and purple, so each pair maps common ground on its first legs; the second legs bring green and blue
+together; the third lead back over mapped ground. A step's odometry is 1 m, 1 m, 0.01 rad a hundred
+metres; a sighting is good to 0.5 degrees and 1 m within 300 m and 240 degrees. The factor between
+two robots stands for what they will see of common landmarks that nobody has mapped yet.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from fgplan.closed_loop.mission import LoopMission, LoopRobot
+from fgplan.factors.keys import symbol_key
+from fgplan.models.motion import MotionModel
+from fgplan.models.range_bearing import BearingRangeSensor
+from fgplan.models.relative_pose import RelativePoseSensor
+from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
+from fgplan.planners.impacted_paths.options import CandidateOptions
+from fgplan.simulation.world import World, WorldRobot
+from roadmaps import Workspace
+
+Scenario = Literal[1, 2, 3]
+
+WIDTH_M, HEIGHT_M = 2000.0, 2500.0
+LANDMARKS = 200
+SENSOR = "camera"
+SENSOR_RANGE_M = 300.0
+CRITERION_M = 300.0
+START_SIGMAS = (1e-6, 1e-6, 1e-6)
+LARGE_SIGMAS = (20.0, 20.0, 0.05)
+LARGE = ("red", "green")
+STARTS = {
+    "red": (250.0, 150.0),
+    "green": (750.0, 150.0),
+    "blue": (1250.0, 150.0),
+    "purple": (1750.0, 150.0),
+}
+GOALS = {
+    "red": ((400.0, 1000.0), (250.0, 1950.0), (650.0, 500.0)),
+    "green": ((700.0, 1000.0), (950.0, 1950.0), (350.0, 600.0)),
+    "blue": ((1300.0, 1000.0), (1050.0, 2050.0), (1600.0, 500.0)),
+    "purple": ((1600.0, 1000.0), (1750.0, 2000.0), (1300.0, 500.0)),
+}
+"""Metres, world frame."""
+
+
+def draw_mission(
+    seed: int,
+    scenario: Scenario = 1,
+    *,
+    others_landmarks: bool = True,
+    candidates: int = 25,
+    goals: int = 3,
+    landmarks: int = LANDMARKS,
+) -> LoopMission:
+    """Draw the world of one seed.
+
+    Args:
+        seed: Of landmarks, roadmap, noise; the same world for all scenarios.
+        scenario: Of Table 1.
+        others_landmarks: Whether planning uses landmarks that only other robots have mapped.
+        candidates: Candidate paths a robot.
+        goals: Goals a robot, 1 to 3.
+        landmarks: Number of landmarks.
+
+    Returns:
+        The mission.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(72,)))
+    workspace = Workspace(lower=np.zeros(2), upper=np.array([WIDTH_M, HEIGHT_M]))
+    camera = BearingRangeSensor(
+        bearing_sigma_rad=float(np.radians(0.5)),
+        range_sigma_m=1.0,
+        max_range_m=SENSOR_RANGE_M,
+        field_of_view_rad=float(np.radians(240.0)),
+    )
+    motion = MotionModel(
+        sigmas=np.array([0.05, 0.05, 0.0005]),
+        per_metre=np.array([0.1, 0.1, 0.001]),
+        speed_m_per_s=10.0,
+    )
+    meeting = MultiRobotModel(
+        criterion=DistanceCriterion(CRITERION_M),
+        sensor=RelativePoseSensor(covariance=np.diag(np.square([2.0, 2.0, 0.02]))),
+    )
+    world = World(
+        robots=tuple(
+            WorldRobot(
+                name=name,
+                pose=np.array([*place, np.pi / 2]),
+                odometry=motion,
+                actuation=motion,
+                landmark_sensors=(SENSOR,),
+            )
+            for name, place in STARTS.items()
+        ),
+        workspace=workspace,
+        sensors={SENSOR: camera},
+        landmark_keys=tuple(symbol_key("l", index) for index in range(landmarks)),
+        landmark_positions=rng.uniform([0.0, 0.0], [WIDTH_M, HEIGHT_M], (landmarks, 2)),
+        step_s=10.0,
+    )
+    return LoopMission(
+        name=f"scenario {scenario}, seed {seed}",
+        world=world,
+        workspace=workspace,
+        robots=tuple(
+            LoopRobot(
+                name=name,
+                goals=np.array(GOALS[name][:goals]),
+                motion=motion,
+                start_covariance=np.diag(
+                    np.square(LARGE_SIGMAS if scenario == 3 and name in LARGE else START_SIGMAS)
+                ),
+                sensors=(SENSOR,),
+            )
+            for name in STARTS
+        ),
+        multi_robot=() if scenario == 2 else (meeting,),
+        candidates=CandidateOptions(
+            candidates=candidates, spacing_m=100.0, vertices=400, neighbours=8, paths="penalty"
+        ),
+        others_landmarks=others_landmarks,
+        seed=seed,
+    )

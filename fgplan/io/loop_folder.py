@@ -1,0 +1,237 @@
+"""A closed loop on disk: every record as it comes, so that a stopped run can go on.
+
+    loop.jsonl    first line: what the mission is, by digest, and what figures need of it
+                  then one line a record (StepRecord, SessionRecord, the final SlamRecord), in order
+
+A line is written and flushed when its record is handed on. A last line that was cut off by a crash
+is dropped when the run goes on; a cut anywhere else is an error. Floats are written with all their
+digits, so a run that goes on computes with the very numbers that it would have had.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from fgplan.closed_loop.comparison import OURS, Contestant
+from fgplan.closed_loop.loop import Record, run_loop
+from fgplan.closed_loop.mission import LoopMission
+from fgplan.closed_loop.records import LoopHistory, SessionRecord, SlamRecord, StepRecord
+from fgplan.errors import InvalidInputError
+from fgplan.io.plain_value import plain_value
+from fgplan.io.run_record import WorkspaceRecord, record_workspace
+from fgplan.typing import FloatArray, Key
+
+LOOP = "loop.jsonl"
+LOOP_SCHEMA = "loop.v1"
+
+_KINDS: Mapping[str, type] = {"step": StepRecord, "session": SessionRecord, "slam": SlamRecord}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopHeader:
+    """First line of a loop's file.
+
+    Attributes:
+        schema: Version of this form.
+        digest: Of the mission, see ``mission_digest``.
+        name: Title.
+        robots: Names in the order of the team.
+        goals: Goals of each robot, shape (G, 2), metres.
+        landmarks: True position of every landmark, metres.
+        workspace: The world's bounds and obstacles.
+    """
+
+    schema: str
+    digest: str
+    name: str
+    robots: tuple[str, ...]
+    goals: Mapping[str, FloatArray]
+    landmarks: Mapping[Key, FloatArray]
+    workspace: WorkspaceRecord
+
+
+def run_in_folder(
+    mission: LoopMission,
+    folder: Path,
+    *,
+    contestants: Mapping[str, Contestant] = OURS,
+    compare: bool = False,
+) -> Iterator[Record]:
+    """Run a closed loop and write every record, or go on with one that was stopped.
+
+    Args:
+        mission: What is given.
+        folder: Made as needed; if it holds records of this mission, the run goes on after them.
+        contestants: As in ``run_loop``.
+        compare: As in ``run_loop``.
+
+    Yields:
+        The new records, each after it is on disk.
+
+    Raises:
+        InvalidInputError: If the folder holds another mission's records, or cannot be written.
+    """
+    path = folder / LOOP
+    header = _header(mission)
+    past: list[Record] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            found, past = _read(path, drop_cut_off=True)
+            if found.digest != header.digest:
+                raise InvalidInputError(
+                    f"{path}: expected records of {header.name!r}, got another mission's "
+                    f"({found.name!r}); choose another folder"
+                )
+        else:
+            _append(path, plain_value(header))
+        for record in run_loop(mission, past=past, contestants=contestants, compare=compare):
+            _append(path, {"kind": _kind(record), **plain_value(record)})
+            yield record
+    except OSError as error:
+        raise InvalidInputError(f"{path}: expected a place to write to: {error}") from error
+
+
+def read_loop(folder: Path) -> tuple[LoopHistory, WorkspaceRecord]:
+    """Read what a closed loop has written so far.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        The history, and the world's bounds and obstacles.
+
+    Raises:
+        InvalidInputError: If the folder holds no loop, or a line of it is not one.
+    """
+    header, records = _read(folder / LOOP, drop_cut_off=False)
+    return (
+        LoopHistory(
+            name=header.name,
+            robots=header.robots,
+            goals=header.goals,
+            landmarks=header.landmarks,
+            steps=tuple(r for r in records if isinstance(r, StepRecord)),
+            sessions=tuple(r for r in records if isinstance(r, SessionRecord)),
+            final=next((r for r in records if isinstance(r, SlamRecord)), None),
+        ),
+        header.workspace,
+    )
+
+
+def mission_digest(mission: LoopMission) -> str:
+    """Sha256, in hexadecimal, of everything that decides a closed loop.
+
+    Args:
+        mission: The mission.
+
+    Returns:
+        64 hexadecimal digits; the same for the same mission in another process.
+    """
+    world = mission.world
+    content = {
+        "world": {
+            "robots": world.robots,
+            "sensors": {name: _described(sensor) for name, sensor in world.sensors.items()},
+            "landmark_keys": world.landmark_keys,
+            "landmark_positions": world.landmark_positions,
+            "multi_robot": [_described(model) for model in world.multi_robot.values()],
+            "step_s": world.step_s,
+            "workspace": None if world.workspace is None else record_workspace(world.workspace),
+        },
+        "workspace": record_workspace(mission.workspace),
+        "robots": mission.robots,
+        "multi_robot": [_described(model) for model in mission.multi_robot],
+        "candidates": mission.candidates,
+        "weights": [mission.path_weight, mission.uncertainty_weight],
+        "others_landmarks": mission.others_landmarks,
+        "relinearise_m": mission.relinearise_m,
+        "slam": _described(mission.slam),
+        "obstacle_range_m": mission.obstacle_range_m,
+        "max_steps": mission.max_steps,
+        "seed": mission.seed,
+    }
+    canonical = msgspec.json.encode(plain_value(content, "mission"), order="sorted")
+    return hashlib.sha256(b"fgplan loop 1" + canonical).hexdigest()
+
+
+def _described(value: object) -> str:
+    """A sensor or model, a user's own too, by its type and all that it prints of itself."""
+    with np.printoptions(precision=17, threshold=10**6, linewidth=10**6):
+        return f"{type(value).__module__}.{value!r}"
+
+
+def _header(mission: LoopMission) -> LoopHeader:
+    """What the first line says."""
+    world = mission.world
+    return LoopHeader(
+        schema=LOOP_SCHEMA,
+        digest=mission_digest(mission),
+        name=mission.name,
+        robots=tuple(robot.name for robot in mission.robots),
+        goals=mission.goals,
+        landmarks=dict(zip(world.landmark_keys, world.landmark_positions, strict=True)),
+        workspace=record_workspace(world.workspace or mission.workspace),
+    )
+
+
+def _kind(record: Record) -> str:
+    """Name of a record's type in the file."""
+    return next(name for name, kind in _KINDS.items() if isinstance(record, kind))
+
+
+def _append(path: Path, data: Mapping[str, Any]) -> None:
+    """Write one line and make sure that it is on disk."""
+    with path.open("ab") as file:
+        file.write(msgspec.json.encode(data) + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _read(path: Path, *, drop_cut_off: bool) -> tuple[LoopHeader, list[Record]]:
+    """Header and records; a cut-off last line is left out, and taken off the file if wanted."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(
+            f"{path}: expected the records of a closed loop: {error}"
+        ) from error
+    lines = content.split(b"\n")
+    if lines[-1] and drop_cut_off:
+        with path.open("rb+") as file:
+            file.truncate(len(content) - len(lines[-1]))
+    records: list[Record] = []
+    header = None
+    for number, line in enumerate(lines[:-1], start=1):
+        try:
+            data = msgspec.json.decode(line)
+            if number == 1:
+                header = _converted(data, LoopHeader)
+                continue
+            records.append(_converted(data, _KINDS[data.pop("kind")]))
+        except (msgspec.DecodeError, RecursionError, ValueError, KeyError, AttributeError) as error:
+            raise InvalidInputError(
+                f"{path}, line {number}: expected a record of a closed loop: {error}"
+            ) from error
+    if header is None or header.schema != LOOP_SCHEMA:
+        came = "nothing" if header is None else repr(header.schema)
+        raise InvalidInputError(f"{path}: expected {LOOP_SCHEMA!r} on the first line, got {came}")
+    return header, records
+
+
+def _converted(data: Any, kind: type) -> Any:  # noqa: ANN401 - of the kind asked for
+    """Plain data to a record; nested lists become read-only arrays."""
+    return msgspec.convert(data, kind, str_keys=True, dec_hook=_read_array)
+
+
+def _read_array(kind: Any, value: Any) -> Any:  # noqa: ANN401 - msgspec's hook
+    """Nested lists to a read-only array."""
+    array: FloatArray = np.array(value, dtype=np.float64)
+    array.setflags(write=False)
+    return array
