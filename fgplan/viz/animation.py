@@ -29,8 +29,9 @@ _FAINT = 0.15
 _HOLD_S = 0.4
 """How long the choice is shown before the robots move, and four times as long the end."""
 
-_EXACT, _BLENDED = 24, 72
-"""Colours of the palette that are kept exactly, and those that stand for all others."""
+_EXACT, _BLENDED, _APART = 24, 96, 8
+"""Colours of the palette that are kept exactly, those that stand for all others, and
+the least difference between two."""
 
 
 def animate_loop(
@@ -134,14 +135,18 @@ def _palette(image: Any, pixels: Any) -> Any:  # noqa: ANN401
     """The commonest colours as they are, then those of the rest by the root of their pixels."""
     colors, counts = np.unique(pixels, axis=0, return_counts=True)
     order = np.argsort(-counts, kind="stable")
-    common, rare = order[:_EXACT], order[_EXACT:]
-    chosen = colors[common].ravel().tolist()
-    if rare.size:
-        weighted = np.repeat(colors[rare], np.ceil(np.sqrt(counts[rare])).astype(int), axis=0)
-        blended = image.fromarray(weighted[None]).quantize(_BLENDED)
-        chosen += blended.getpalette()[: 3 * _BLENDED]
+    chosen: list[Any] = []
+    # Pillow takes two neighbours for one: of white and off-white it would show either.
+    for color in colors[order[: 8 * _EXACT]].astype(int):
+        if len(chosen) < _EXACT and all(np.abs(color - one).max() > _APART for one in chosen):
+            chosen.append(color)
+    weighted = np.repeat(colors, np.ceil(np.sqrt(counts)).astype(int), axis=0)
+    blended = image.fromarray(weighted[None]).quantize(_BLENDED).getpalette()
+    for color in np.array(blended[: 3 * _BLENDED]).reshape(-1, 3):
+        if all(np.abs(color - one).max() > _APART for one in chosen):
+            chosen.append(color)
     palette = image.new("P", (1, 1))
-    palette.putpalette(chosen)
+    palette.putpalette(np.concatenate(chosen).tolist())
     return palette
 
 
