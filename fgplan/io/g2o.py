@@ -312,7 +312,8 @@ def _factor(line: GraphLine, offsets: Mapping[int, GraphLine]) -> gtsam.Nonlinea
         noise = gtsam.noiseModel.Gaussian.Information(ordered)
         pose = spatial_pose(line.where, line.tag, numbers)
         return gtsam.BetweenFactorPose3(first, second, pose, noise)
-    point, covariance = np.array(numbers), np.linalg.inv(information)
+    point = np.array(numbers)
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     if line.tag == "EDGE_SE3_TRACKXYZ":
         parameter = line.ids[2]
         if parameter not in offsets:

@@ -14,7 +14,7 @@ and a factor that can be pickled.
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -190,7 +190,7 @@ def landmark_factor(
     return gtsam.BearingRangeFactor3D(pose, landmark, gtsam.Unit3(point), range_m, noise)
 
 
-def landmark_point(factor: gtsam.NonlinearFactor) -> tuple[FloatArray, FloatArray]:
+def landmark_point(factor: Any) -> tuple[FloatArray, FloatArray]:  # noqa: ANN401
     """Point and information behind a bearing-range factor.
 
     Args:

@@ -50,12 +50,13 @@ def load_mission(path: str | Path) -> Mission:
     return make_mission(read_scenario(path), Path(path))
 
 
-def make_mission(scenario: Scenario, path: Path) -> Mission:
+def make_mission(scenario: Scenario, path: Path, prior: Prior | None = None) -> Mission:
     """Make everything that a scenario describes.
 
     Args:
         scenario: The checked scenario.
         path: The file it was read from; what it names is relative to its folder.
+        prior: What ``make_prior`` makes of it, where that is done already.
 
     Returns:
         The mission.
@@ -68,7 +69,7 @@ def make_mission(scenario: Scenario, path: Path) -> Mission:
     workspace = make_workspace(scenario.world, place.at("world"))
     sensors = make_sensors(scenario, place)
     multi_robot = make_multi_robot(scenario, place)
-    prior = make_prior(scenario, place)
+    prior = make_prior(scenario, place) if prior is None else prior
     robots = tuple(
         _make_robot(
             robot,

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from fgplan.io.scenario import Scenario
+from fgplan.io.scenario import G2oPrior, Scenario
 from fgplan.io.user_object import is_object_name
 from roadmaps.map_yaml import parse_map_yaml
 
@@ -33,6 +33,8 @@ def named_files(scenario: Scenario, path: Path) -> tuple[Path, ...]:
             found |= _module_files(folder, text.partition(":")[0])
         elif _is_file_below(folder, text):
             found.add(Path(text))
+    if isinstance(scenario.prior, G2oPrior):
+        found |= _log_files(folder, scenario.prior.files)
     named = scenario.world.map
     if named is not None and named.endswith((".yaml", ".yml")) and Path(named) in found:
         fields = parse_map_yaml((folder / named).read_text(encoding="utf-8"), folder / named)
@@ -64,12 +66,23 @@ def _module_files(folder: Path, module: str) -> set[Path]:
     return {source.relative_to(folder) for source in (folder / top).rglob("*.py")}
 
 
+def _log_files(folder: Path, names: tuple[str, ...]) -> set[Path]:
+    """g2o files of the folders that a prior names."""
+    inside = [name for name in names if _is_below(name) and (folder / name).is_dir()]
+    return {file.relative_to(folder) for name in inside for file in (folder / name).glob("*.g2o")}
+
+
+def _is_below(text: str) -> bool:
+    """Whether a text names something in the folder or below."""
+    name = PurePath(text)
+    return bool(text) and not name.is_absolute() and ".." not in name.parts and "\0" not in text
+
+
 def _is_file_below(folder: Path, text: str) -> bool:
     """Whether a text is the name of a file in the folder or below."""
-    name = PurePath(text)
-    if not text or name.is_absolute() or ".." in name.parts or "\0" in text:
+    if not _is_below(text):
         return False
     try:
-        return (folder / name).is_file()
+        return (folder / text).is_file()
     except OSError:  # longer than any name may be
         return False

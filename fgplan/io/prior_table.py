@@ -1,4 +1,4 @@
-"""``[prior]`` to a belief at planning time: from starts and landmarks, g2o files, or a function.
+"""``[prior]`` to a belief at planning time: from starts and landmarks, a log, or a function.
 
 Keys of an independent prior: robot i of the file is ``x<i>``, landmark j is ``l<j>``. Landmarks of
 the file are added to every kind of prior, each with a prior factor of its own; a landmark whose
@@ -7,6 +7,7 @@ key the graph already has is refused.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gtsam
@@ -16,19 +17,17 @@ from fgplan.beliefs.belief import Belief
 from fgplan.errors import ScenarioError
 from fgplan.evaluation.problem import PastState
 from fgplan.factors.keys import describe_key
-from fgplan.io.g2o import read_g2o
 from fgplan.io.key_name import read_key
+from fgplan.io.past_estimate import PastEstimate, estimate_past
 from fgplan.io.place import Place
 from fgplan.io.pose_numbers import gtsam_pose
-from fgplan.io.scenario import G2oPrior, PythonPrior, Scenario
+from fgplan.io.scenario import G2oPrior, PyfgPrior, PythonPrior, Scenario
 from fgplan.io.scenario_file import landmark_name
 from fgplan.io.sensor_table import make_covariance
+from fgplan.io.team_past import TeamPast, is_pose, read_g2o_past, read_pyfg_past
 from fgplan.io.user_object import load_object
 from fgplan.paths.state import State
 from fgplan.typing import Key
-
-GAUGE_SIGMA = 1e-3
-"""Standard deviation of a held pose where the scenario gives none: 1 mm and 1 mrad."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,20 +39,23 @@ class Prior:
         start_keys: Key of each robot's current pose, in the order of the team.
         landmark_keys: Key of each landmark of the scenario, by name.
         past_states: Past poses that may take part in multi-robot factors.
+        estimate: The team's past and its estimate, where the prior comes from a log.
     """
 
     belief: Belief
     start_keys: Mapping[str, Key]
     landmark_keys: Mapping[str, Key]
     past_states: tuple[PastState, ...] = ()
+    estimate: PastEstimate | None = None
 
 
-def make_prior(scenario: Scenario, place: Place) -> Prior:
+def make_prior(scenario: Scenario, place: Place, estimate: PastEstimate | None = None) -> Prior:
     """Make the prior of a scenario.
 
     Args:
         scenario: The scenario.
-        place: The whole file, for messages and for the folder of g2o files and modules.
+        place: The whole file, for messages and for the folder of logs and modules.
+        estimate: What reading and estimating the scenario's log gives, where that is done already.
 
     Returns:
         The prior.
@@ -63,22 +65,34 @@ def make_prior(scenario: Scenario, place: Place) -> Prior:
             belief is ill-posed.
     """
     where = place.at("prior")
+    table = scenario.prior
     past: tuple[PastState, ...] = ()
-    if isinstance(scenario.prior, G2oPrior):
-        graph, values, start_keys = _from_g2o(scenario.prior, where)
-    elif isinstance(scenario.prior, PythonPrior):
-        graph, values, start_keys, past = _from_function(scenario.prior, where)
+    if isinstance(table, G2oPrior | PyfgPrior):
+        if estimate is None:
+            estimate = _from_log(table, where)
+        graph, values = estimate.belief.graph, estimate.belief.values
+        start_keys = estimate.current_keys
+    elif isinstance(table, PythonPrior):
+        graph, values, start_keys, past = _from_function(table, where)
     else:
         graph, values, start_keys = _from_starts(scenario, place)
-    if isinstance(scenario.prior, G2oPrior | PythonPrior):
+    if isinstance(table, G2oPrior | PyfgPrior | PythonPrior):
         _check_starts(scenario, start_keys, place)
     landmark_keys = _add_landmarks(scenario, graph, values, place)
     with where.checking():
         belief = Belief(graph, values)
         ordered = {robot.name: start_keys[robot.name] for robot in scenario.robots}
-        if isinstance(scenario.prior, G2oPrior) and scenario.prior.past_step_s is not None:
-            past = _past_states(belief, ordered, scenario.prior.past_step_s)
-    return Prior(belief=belief, start_keys=ordered, landmark_keys=landmark_keys, past_states=past)
+        if isinstance(table, G2oPrior) and table.past_step_s is not None:
+            past = _past_states(belief, ordered, table.past_step_s)
+        elif isinstance(table, PyfgPrior) and table.past and estimate is not None:
+            past = _timed_past_states(belief, estimate.past)
+    return Prior(
+        belief=belief,
+        start_keys=ordered,
+        landmark_keys=landmark_keys,
+        past_states=past,
+        estimate=estimate,
+    )
 
 
 def _from_starts(
@@ -105,47 +119,61 @@ def _from_starts(
     return graph, values, keys
 
 
-def _from_g2o(
-    table: G2oPrior, place: Place
-) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[str, Key]]:
-    """Pose graphs of the team's past, held where a FIX line or the scenario says."""
-    where = place.at("files")
-    paths = [where.path_of(name) for name in table.files]
-    try:
-        read = read_g2o(paths, table.landmark_character)
-    except ScenarioError as error:  # names the g2o file and line, but not who asked for it
-        raise where.error(str(error)) from error
-    held = read.fixed
+def _from_log(table: G2oPrior | PyfgPrior, place: Place) -> PastEstimate:
+    """The team's past, estimated or as the files have it, held where they or the scenario say."""
+    current = {
+        robot: read_key(name, place.at(f"start_keys.{robot}"))
+        for robot, name in table.start_keys.items()
+    }
+    past = _read_log(table, place, current or None)
+    held: tuple[Key, ...] = ()
     if table.gauge.key is not None:
         held = (read_key(table.gauge.key, place.at("gauge.key")),)
-    if not held:
+    unary = any(past.graph.at(i).size() == 1 for i in range(past.graph.size()))
+    if not (held or past.held or unary or table.estimate):
         raise place.at("gauge").error(
             "expected a pose to hold, got neither a FIX line in the files nor gauge; add gauge = "
             "{ key = ... } with the key of the first pose"
         )
-    for key in held:
-        pose = _pose_in(read.values, key, place.at("gauge.key"))
-        size = 3 if isinstance(pose, gtsam.Pose2) else 6
-        sigmas = np.array(table.gauge.sigmas or (GAUGE_SIGMA,) * size)
-        if sigmas.size != size:
-            raise place.at("gauge.sigmas").error(f"expected {size} numbers, got {sigmas.size}")
-        _add_prior(read.graph, key, pose, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
-    keys = {}
-    for robot, name in table.start_keys.items():
-        key_place = place.at(f"start_keys.{robot}")
-        keys[robot] = read_key(name, key_place)
-        _pose_in(read.values, keys[robot], key_place)
-    return read.graph, read.values, keys
+    sigmas = table.gauge.sigmas or ()
+    hold = held if table.estimate else held or past.held
+    for key in held or past.held:
+        size = _pose_in(past.values, key, place.at("gauge.key"))
+        if sigmas and len(sigmas) != size:
+            raise place.at("gauge.sigmas").error(f"expected {size} numbers, got {len(sigmas)}")
+    for robot, key in current.items():
+        _pose_in(past.values, key, place.at(f"start_keys.{robot}"))
+    with place.checking():
+        return estimate_past(past, hold, sigmas, optimise=table.estimate)
 
 
-def _pose_in(values: gtsam.Values, key: Key, place: Place) -> gtsam.Pose2 | gtsam.Pose3:
-    """The pose at a key, or the scenario's error."""
-    for read in (values.atPose2, values.atPose3):
-        try:
-            return read(key)
-        except RuntimeError:  # GTSAM's only way to say "absent" or "another type"
-            continue
-    raise place.error(f"expected the key of a pose in the files, got {describe_key(key)}")
+def _read_log(
+    table: G2oPrior | PyfgPrior, place: Place, current: Mapping[str, Key] | None
+) -> TeamPast:
+    """Read the files of a log."""
+    names = table.files if isinstance(table, G2oPrior) else (table.file,)
+    where = place.at("files" if isinstance(table, G2oPrior) else "file")
+    paths = [_path_of(where, name) for name in names]
+    try:
+        if isinstance(table, PyfgPrior):
+            return read_pyfg_past(paths[0], current)
+        one = paths[0] if len(paths) == 1 else paths
+        return read_g2o_past(one, table.landmark_character, table.repeat_tolerance, current)
+    except ScenarioError as error:  # names the log's file and line, but not who asked for it
+        raise where.error(str(error)) from error
+
+
+def _path_of(where: Place, name: str) -> Path:
+    """A file or folder that the scenario names."""
+    path = where.file.parent / name
+    return path if path.is_dir() else where.path_of(name)
+
+
+def _pose_in(values: gtsam.Values, key: Key, place: Place) -> int:
+    """Dimension of the pose at a key, or the scenario's error."""
+    if not (values.exists(key) and is_pose(values, key)):
+        raise place.error(f"expected the key of a pose in the files, got {describe_key(key)}")
+    return int(values.dims()[key])
 
 
 def _from_function(
@@ -249,3 +277,15 @@ def _past_states(
                 state = State(robot, -steps, -steps * step_s, belief.pose(key))
                 past.append(PastState(key, state))
     return tuple(past)
+
+
+def _timed_past_states(belief: Belief, past: TeamPast) -> tuple[PastState, ...]:
+    """All poses before each robot's current one, at their times before it, oldest first."""
+    states = []
+    for robot, keys in past.robots.items():
+        now = past.times_s[keys[-1]]
+        for place, key in enumerate(keys[:-1]):
+            time_s = past.times_s[key] - now
+            state = State(robot, place + 1 - len(keys), time_s, belief.pose(key))
+            states.append(PastState(key, state))
+    return tuple(states)

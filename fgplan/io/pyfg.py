@@ -25,6 +25,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -58,19 +59,20 @@ _EDGES = {
     "EDGE_SE3_XYZ": ("VERTEX_SE3:QUAT", "VERTEX_XYZ"),
 }
 _TANGENT = {"VERTEX_SE2": 3, "VERTEX_SE3:QUAT": 6, "VERTEX_XY": 2, "VERTEX_XYZ": 3}
-_RANGES = {
+_RANGES: dict[tuple[str, str], Any] = {
     ("VERTEX_SE2", "VERTEX_XY"): gtsam.RangeFactor2D,
     ("VERTEX_SE2", "VERTEX_SE2"): gtsam.RangeFactorPose2,
     ("VERTEX_SE3:QUAT", "VERTEX_XYZ"): gtsam.RangeFactor3D,
     ("VERTEX_SE3:QUAT", "VERTEX_SE3:QUAT"): gtsam.RangeFactorPose3,
 }
-_PRIOR_FACTORS = {
+_PRIOR_FACTORS: dict[str, Any] = {
     "VERTEX_SE2": gtsam.PriorFactorPose2,
     "VERTEX_SE3:QUAT": gtsam.PriorFactorPose3,
     "VERTEX_XY": gtsam.PriorFactorPoint2,
     "VERTEX_XYZ": gtsam.PriorFactorPoint3,
 }
-_TAGS = {made: f"{tag}:PRIOR" for tag, made in _PRIOR_FACTORS.items()} | {
+_TAGS: dict[Any, str] = {
+    **{made: f"{tag}:PRIOR" for tag, made in _PRIOR_FACTORS.items()},
     gtsam.BetweenFactorPose2: "EDGE_SE2",
     gtsam.BetweenFactorPose3: "EDGE_SE3:QUAT",
     gtsam.BearingRangeFactor2D: "EDGE_SE2_XY",
@@ -298,11 +300,12 @@ def _factor(line: GraphLine, vertices: Mapping[Key, GraphLine]) -> gtsam.Nonline
     if line.tag in _PRIORS:
         return _PRIOR_FACTORS[expected[0]](line.ids[0], _value(line), noise)
     _check_two(line)
+    first, second = line.ids
     if line.tag == "EDGE_SE2":
-        return gtsam.BetweenFactorPose2(*line.ids, gtsam.Pose2(*line.numbers[:3]), noise)
+        return gtsam.BetweenFactorPose2(first, second, gtsam.Pose2(*line.numbers[:3]), noise)
     if line.tag == "EDGE_SE3:QUAT":
         relative = spatial_pose(line.where, line.tag, line.numbers[:7])
-        return gtsam.BetweenFactorPose3(*line.ids, relative, noise)
+        return gtsam.BetweenFactorPose3(first, second, relative, noise)
     return landmark_factor(line, np.array(line.numbers[:size]), covariance)
 
 
@@ -322,7 +325,9 @@ def _range(line: GraphLine, vertices: Mapping[Key, GraphLine]) -> gtsam.Nonlinea
             f"{line.where}: {line.tag}: expected metres and variance above zero, got {range_m:g} "
             f"and {variance:g}"
         )
-    return _RANGES[ends](*keys, range_m, gtsam.noiseModel.Isotropic.Variance(1, variance))
+    return _RANGES[ends](
+        keys[0], keys[1], range_m, gtsam.noiseModel.Isotropic.Variance(1, variance)
+    )
 
 
 def _check_two(line: GraphLine) -> None:
@@ -358,7 +363,9 @@ def _measured_numbers(value: gtsam.Pose2 | gtsam.Pose3 | FloatArray) -> list[flo
 
 
 def _edge(
-    index: int, factor: gtsam.NonlinearFactor | None, tags: Mapping[Key, str]
+    index: int,
+    factor: Any,  # noqa: ANN401 - any factor of GTSAM, which share no typed base
+    tags: Mapping[Key, str],
 ) -> tuple[str, list[float]]:
     """Tag and numbers of one factor."""
     name = type(factor).__name__
@@ -378,7 +385,8 @@ def _edge(
         return tag, [factor.measured(), float(noise.covariance()[0, 0])]
     if name.startswith("BearingRange"):
         point, information = landmark_point(factor)
-        return tag, [*point.tolist(), *upper_triangle(np.linalg.inv(information))]
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        return tag, [*point.tolist(), *upper_triangle(covariance)]
     measured = factor.prior() if name.startswith("Prior") else factor.measured()
     covariance = noise.covariance()
     if len(covariance) == 6:

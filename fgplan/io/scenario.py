@@ -204,7 +204,7 @@ class IndependentPrior(Table, frozen=True, tag_field="kind", tag="independent"):
 
 
 class GaugeTable(Table, frozen=True):
-    """``[prior.gauge]``: which pose of a g2o graph is held, and how firmly.
+    """``[prior.gauge]``: which pose of the past's graph is held, and how firmly.
 
     Attributes:
         key: The pose, as ``a0`` or a number; the files' FIX lines if left out.
@@ -219,9 +219,14 @@ class G2oPrior(Table, frozen=True, tag_field="kind", tag="g2o"):
     """``[prior] kind = "g2o"``: the team's past as pose graphs.
 
     Attributes:
-        files: g2o files, relative to the scenario file; edges may join vertices of two files.
-        start_keys: Key of each robot's current pose, as ``a41`` or a number.
+        files: g2o files or one folder of them, relative to the scenario file; edges may join
+            vertices of two files.
+        start_keys: Key of each robot's current pose, as ``a41`` or a number; if left out, robots
+            are named as the files tell them apart and start from their last poses.
         gauge: Which pose is held, and how firmly.
+        estimate: Whether to estimate jointly first; the files' vertices are the estimate otherwise.
+            If true and nothing says what is held, the first pose of the first robot is.
+        repeat_tolerance: Edges of two files with the same ends that differ by no more are one.
         landmark_character: Letter of landmarks' keys, where landmarks and poses share ids.
         past_step_s: Seconds between consecutive past poses. If given, the poses that share the
             letter of a robot's start key, with lower index, are its past and may take part in
@@ -229,10 +234,30 @@ class G2oPrior(Table, frozen=True, tag_field="kind", tag="g2o"):
     """
 
     files: Annotated[tuple[Name, ...], Meta(min_length=1)]
-    start_keys: dict[str, KeyName]
+    start_keys: dict[str, KeyName] = field(default_factory=dict)
     gauge: GaugeTable = field(default_factory=GaugeTable)
+    estimate: bool = False
+    repeat_tolerance: NotNegative = 0.0
     landmark_character: Annotated[str, Meta(pattern="^[A-Za-z]$")] | None = None
     past_step_s: Positive | None = None
+
+
+class PyfgPrior(Table, frozen=True, tag_field="kind", tag="pyfg"):
+    """``[prior] kind = "pyfg"``: the team's past as PyFactorGraph text.
+
+    Attributes:
+        file: The file, relative to the scenario file.
+        start_keys: As for g2o.
+        gauge: Which pose is held, and how firmly.
+        estimate: As for g2o.
+        past: Whether past poses, at their times, may take part in multi-robot factors.
+    """
+
+    file: Name
+    start_keys: dict[str, KeyName] = field(default_factory=dict)
+    gauge: GaugeTable = field(default_factory=GaugeTable)
+    estimate: bool = False
+    past: bool = False
 
 
 class PythonPrior(Table, frozen=True, tag_field="kind", tag="python"):
@@ -343,7 +368,9 @@ class Scenario(Table, frozen=True):
     targets: tuple[TargetTable, ...] = ()
     landmarks: tuple[LandmarkTable, ...] = ()
     team: TeamTable = field(default_factory=TeamTable)
-    prior: IndependentPrior | G2oPrior | PythonPrior = field(default_factory=IndependentPrior)
+    prior: IndependentPrior | G2oPrior | PyfgPrior | PythonPrior = field(
+        default_factory=IndependentPrior
+    )
     objective: ObjectiveTable = field(default_factory=ObjectiveTable)
     simulation: SimulationTable = field(default_factory=SimulationTable)
 
