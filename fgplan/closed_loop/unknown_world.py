@@ -37,6 +37,12 @@ LANDMARKS = 200
 SENSOR = "camera"
 SENSOR_RANGE_M = 300.0
 CRITERION_M = 300.0
+FIELD_OF_VIEW_RAD = float(np.radians(180.0))
+BEARING_SIGMA_RAD, RANGE_SIGMA_M = float(np.radians(1.0)), 3.0
+STEP_M = 100.0
+ODOMETRY_SIGMAS = (2.0, 2.0, 0.02)
+PLANNED_SIGMAS = (1.0, 1.0, 0.004)
+MEETING_SIGMAS = (2.0, 2.0, 0.01)
 START_SIGMAS = (1e-6, 1e-6, 1e-6)
 LARGE_SIGMAS = (20.0, 20.0, 0.05)
 LARGE = ("red", "green")
@@ -80,27 +86,24 @@ def draw_mission(
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(72,)))
     workspace = Workspace(lower=np.zeros(2), upper=np.array([WIDTH_M, HEIGHT_M]))
     camera = BearingRangeSensor(
-        bearing_sigma_rad=float(np.radians(0.5)),
-        range_sigma_m=1.0,
+        bearing_sigma_rad=BEARING_SIGMA_RAD,
+        range_sigma_m=RANGE_SIGMA_M,
         max_range_m=SENSOR_RANGE_M,
-        field_of_view_rad=float(np.radians(240.0)),
+        field_of_view_rad=FIELD_OF_VIEW_RAD,
     )
-    motion = MotionModel(
-        sigmas=np.array([0.05, 0.05, 0.0005]),
-        per_metre=np.array([0.1, 0.1, 0.001]),
-        speed_m_per_s=10.0,
-    )
+    odometry = _motion(ODOMETRY_SIGMAS)
+    planned = _motion(PLANNED_SIGMAS)
     meeting = MultiRobotModel(
         criterion=DistanceCriterion(CRITERION_M),
-        sensor=RelativePoseSensor(covariance=np.diag(np.square([2.0, 2.0, 0.02]))),
+        sensor=RelativePoseSensor(covariance=np.diag(np.square(MEETING_SIGMAS))),
     )
     world = World(
         robots=tuple(
             WorldRobot(
                 name=name,
                 pose=np.array([*place, np.pi / 2]),
-                odometry=motion,
-                actuation=motion,
+                odometry=odometry,
+                actuation=odometry,
                 landmark_sensors=(SENSOR,),
             )
             for name, place in STARTS.items()
@@ -119,7 +122,7 @@ def draw_mission(
             LoopRobot(
                 name=name,
                 goals=np.array(GOALS[name][:goals]),
-                motion=motion,
+                motion=planned,
                 start_covariance=np.diag(
                     np.square(LARGE_SIGMAS if scenario == 3 and name in LARGE else START_SIGMAS)
                 ),
@@ -129,8 +132,14 @@ def draw_mission(
         ),
         multi_robot=() if scenario == 2 else (meeting,),
         candidates=CandidateOptions(
-            candidates=candidates, spacing_m=100.0, vertices=400, neighbours=8, paths="penalty"
+            candidates=candidates, spacing_m=STEP_M, vertices=400, neighbours=8, paths="penalty"
         ),
         others_landmarks=others_landmarks,
         seed=seed,
     )
+
+
+def _motion(sigmas: tuple[float, float, float]) -> MotionModel:
+    """Noise of a step of ``STEP_M`` metres: its variance grows with the way."""
+    spread = np.array(sigmas)
+    return MotionModel(sigmas=0.05 * spread, per_metre=spread / np.sqrt(STEP_M), speed_m_per_s=10.0)
