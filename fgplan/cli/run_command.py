@@ -1,13 +1,19 @@
-"""``fgplan run SCENARIO``: read, plan, write the run folder, say what each robot chose."""
+"""``fgplan run SCENARIO or LOG``: read, plan, write the run folder, say what each robot chose.
+
+A log (a .g2o or .pyfg file, a folder of one robot's file each) gets a scenario derived from it,
+which goes into the run folder: see fgplan/io/past_scenario.py for its rules.
+"""
 
 import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fgplan.cli.run_figures import draw_run_figures
+from fgplan.cli.run_past import LogRun, copy_log_run, open_log_run, past_lines
 from fgplan.cli.run_recording import record_run
 from fgplan.errors import (
     FgplanError,
@@ -19,11 +25,16 @@ from fgplan.errors import (
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.mission_file import make_mission
 from fgplan.io.named_files import named_files
+from fgplan.io.past_estimate import PastEstimate
+from fgplan.io.past_files import plan_start_s, write_past_files
 from fgplan.io.place import Place
+from fgplan.io.plan_file import write_plans
+from fgplan.io.prior_table import make_prior
 from fgplan.io.result_file import Requirement, require_true
 from fgplan.io.run_folder import begin_run, write_record
 from fgplan.io.scenario import Scenario
 from fgplan.io.scenario_file import read_scenario
+from fgplan.io.team_past import is_team_past
 from fgplan.io.user_object import is_object_name, load_object
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan, RobotPlan
@@ -40,27 +51,29 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
     """Plan a scenario.
 
     Args:
-        options: ``arguments["scenario"]`` is the file; ``seeds`` plans it with as many seeds, from
-            the scenario's on; figures show the first.
+        options: ``arguments["scenario"]`` is the scenario file or log; ``seeds`` plans it with as
+            many seeds, from the scenario's on; figures show the first.
 
     Returns:
         Plans by seed under ``plans``.
 
     Raises:
-        ScenarioError: If the scenario is wrong.
+        ScenarioError: If the scenario or log is wrong.
         NoCandidatePathError: If a robot has no path.
     """
     path = Path(options.arguments["scenario"])
-    scenario = read_scenario(path)
+    log = open_log_run(path) if is_team_past(path) else None
+    scenario = read_scenario(path) if log is None else log.scenario
     planner = _find_planner(scenario, Place(path))
-    mission = make_mission(scenario, path)
+    prior = make_prior(scenario, Place(path), None if log is None else log.estimate)
+    mission = make_mission(scenario, path, prior)
     asked = mission.options.get("candidates")
     if options.quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
         fewer = {**mission.options, "candidates": QUICK_CANDIDATES}
         mission = dataclasses.replace(mission, options=fewer)
     options.record({})
     if options.out is not None:
-        begin_run(path, options.out, named_files(scenario, path))
+        _begin(path, scenario, options.out, log)
     seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
     plans: list[Plan] = []
     for seed in seeds:
@@ -69,11 +82,23 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
             plans.append(planner.plan(seeded, np.random.default_rng(seed), options.progress))
         options.record({"plans": [plan.to_data() for plan in plans]})
     figures, note = _draw(mission, plans[0], options.out)
+    estimate = prior.estimate
+    if options.out is not None:
+        start_s = 0.0 if estimate is None else plan_start_s(estimate)
+        figures += (write_plans(options.out / "plans.json", plans[0], start_s),)
+        if estimate is not None:
+            figures += write_past_files(options.out, estimate)
     return CommandOutcome(
-        results={"plans": [plan.to_data() for plan in plans]},
-        requirements=_requirements(plans),
+        results={"plans": [plan.to_data() for plan in plans], **_estimate_results(estimate)},
+        requirements=(*_requirements(plans), *_estimate_requirements(estimate)),
         seeds=seeds,
-        summary=(*summary_lines(plans[0]), *_over_seeds(plans), *_not_simulated(mission), *note),
+        summary=(
+            *past_lines(estimate, log),
+            *summary_lines(plans[0]),
+            *_over_seeds(plans),
+            *_not_simulated(mission),
+            *note,
+        ),
         figures=figures,
     )
 
@@ -134,6 +159,40 @@ def _requirements(plans: list[Plan]) -> tuple[Requirement, ...]:
         require_true("agreed", all(plan.agreed for plan in plans)),
         require_true("objective_never_rises", rises == 0),
     )
+
+
+def _estimate_requirements(estimate: PastEstimate | None) -> tuple[Requirement, ...]:
+    """What the estimate of a log must satisfy."""
+    if estimate is None or not estimate.iterations:
+        return ()
+    return (require_true("estimate_converged", estimate.converged),)
+
+
+def _estimate_results(estimate: PastEstimate | None) -> dict[str, Any]:
+    """Numbers of the estimate of a log."""
+    if estimate is None:
+        return {}
+    past = estimate.past
+    return {
+        "past": {
+            "format": past.format,
+            "poses": {robot: len(keys) for robot, keys in past.robots.items()},
+            "factors": past.graph.size(),
+            "error_before": estimate.error_before,
+            "error_after": estimate.error_after,
+            "iterations": estimate.iterations,
+            "seconds": estimate.seconds,
+            "notes": [*past.notes, *estimate.notes],
+        }
+    }
+
+
+def _begin(path: Path, scenario: Scenario, folder: Path, log: LogRun | None) -> None:
+    """Put the scenario and what it names into the run folder."""
+    if log is None:
+        begin_run(path, folder, named_files(scenario, path))
+        return
+    copy_log_run(log, folder)
 
 
 def _find_planner(scenario: Scenario, place: Place) -> AbstractPlanner:

@@ -1,6 +1,6 @@
 """What a run from a log leaves of the past it planned from, in forms that others read.
 
-    trajectories/ROBOT.tum   estimated poses of each robot: evo, ROS tools
+    trajectories/ROBOT.tum   estimated poses of each robot: evo, ROS tools (%2F for / in a name)
     pose_graph.g2o           the graph at the estimate; held poses as FIX lines
     pose_graph.pyfg          instead, where the past has times; held poses as PRIOR lines
     covariances.json         marginal covariance of every pose and landmark
@@ -11,11 +11,11 @@ the plane, rows x y rotation_z; landmarks x y (z). By rows. g2o has no times: it
 0, 1, 2, ... seconds, and so is the plan that follows.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import msgspec
 import numpy as np
@@ -95,7 +95,7 @@ def write_past_files(folder: Path, estimate: PastEstimate) -> tuple[Path, ...]:
         raise InvalidInputError(f"{tracks}: expected a folder to write to: {error}") from error
     stamps, files = pose_stamps(estimate), []
     for robot, keys in estimate.past.robots.items():
-        files.append(tracks / f"{_file_name(robot)}.tum")
+        files.append(tracks / f"{quote(robot, safe='')}.tum")
         poses = np.array([estimate.belief.pose(key) for key in keys])
         write_tum(files[-1], [stamps[key] for key in keys], poses)
     files.append(_write_graph(folder, estimate))
@@ -180,8 +180,3 @@ def _covariances(estimate: PastEstimate, stamps: Mapping[Key, float]) -> list[di
             }
         )
     return entries
-
-
-def _file_name(robot: str) -> str:
-    """A robot's name as a file's: what is no letter, digit, dot, - or _ becomes _."""
-    return re.sub(r"[^\w.-]", "_", robot)
