@@ -19,9 +19,8 @@ import gtsam
 import numpy as np
 
 from fgplan.checks import frozen
-from fgplan.errors import FgplanError
 from fgplan.factors.boundary import gtsam_boundary
-from fgplan.slam.robust_noise import reweighted, weight_of
+from fgplan.slam.robust_noise import RobustFactor, RobustLoss
 from fgplan.slam.slam_options import SlamOptions
 from fgplan.typing import Covariance, FloatArray, Key, Pose
 
@@ -32,19 +31,19 @@ class Addition:
 
     Attributes:
         factors: In order.
-        robust: Sensor by place in ``factors``.
+        robust: Sensor and factor, by place in ``factors``, of those whose noise is robust.
         values: First estimate of each new variable.
     """
 
     factors: list[gtsam.NonlinearFactor] = field(default_factory=list)
-    robust: dict[int, str] = field(default_factory=dict)
+    robust: dict[int, RobustFactor] = field(default_factory=dict)
     values: gtsam.Values = field(default_factory=gtsam.Values)
 
-    def add(self, factor: gtsam.NonlinearFactor, sensor: str = "", *, robust: bool = False) -> None:
-        """Add a factor."""
-        if robust:
-            self.robust[len(self.factors)] = sensor
-        self.factors.append(factor)
+    def add_robust(self, factor: gtsam.NoiseModelFactor, loss: RobustLoss, sensor: str) -> None:
+        """Add a factor of a sensor with robust noise instead of its Gaussian noise."""
+        robust = RobustFactor(sensor, factor, loss)
+        self.robust[len(self.factors)] = robust
+        self.factors.append(robust.factor())
 
 
 @dataclass(slots=True, eq=False)
@@ -59,7 +58,7 @@ class IncrementalEstimate:
     options: SlamOptions
     rebuilds: int = 0
     _graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
-    _robust: dict[int, str] = field(default_factory=dict)
+    _robust: dict[int, RobustFactor] = field(default_factory=dict)
     _smoother: gtsam.ISAM2 = field(init=False)
     _values: gtsam.Values = field(default_factory=gtsam.Values)
 
@@ -87,12 +86,12 @@ class IncrementalEstimate:
                 for _ in range(self.options.iterations - 1):
                     self._smoother.update()
                 values = self._smoother.calculateEstimate()
-        except FgplanError:
+        except Exception:  # of GTSAM, or of a user's own sensor
             self._rebuild()
             raise
         first = self._graph.size()
         self._graph.push_back(new)
-        self._robust.update({first + place: name for place, name in addition.robust.items()})
+        self._robust.update({first + place: one for place, one in addition.robust.items()})
         self._values = values
 
     def values(self) -> gtsam.Values:
@@ -132,16 +131,15 @@ class IncrementalEstimate:
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """All factors with Gaussian noise; a copy."""
         graph = gtsam.NonlinearFactorGraph(self._graph)
-        for index in self._robust:
-            factor = self._graph.at(index)
-            graph.replace(index, reweighted(factor, weight_of(factor, self._values)))
+        for index, robust in self._robust.items():
+            graph.replace(index, robust.reweighted(self._values))
         return graph
 
     def weights(self) -> dict[str, tuple[float, ...]]:
         """Weight at the estimate of each factor with robust noise, by sensor, in order of time."""
         found: dict[str, list[float]] = {name: [] for name in self.options.robust}
-        for index, name in self._robust.items():
-            found[name].append(weight_of(self._graph.at(index), self._values))
+        for robust in self._robust.values():
+            found[robust.sensor].append(robust.weight(self._values))
         return {name: tuple(weights) for name, weights in found.items()}
 
     def _new(self) -> gtsam.ISAM2:

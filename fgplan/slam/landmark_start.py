@@ -20,7 +20,7 @@ poses not in line (four not in a plane) and bearings without parallax wait too. 
 the chord between measured and predicted direction, the same in the plane and in space.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +35,8 @@ from fgplan.models.pose import (
     tangent_dim,
 )
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
-from fgplan.models.sensor import AbstractSensor
-from fgplan.typing import Covariance, FloatArray, Pose
+from fgplan.models.sensor import MIN_DISTANCE_M, AbstractSensor
+from fgplan.typing import Covariance, FloatArray, IntArray, Pose
 
 SIGMA_SHARE = 0.2
 """Largest sigma of a start, as a share of the distance to the nearest pose that measured it."""
@@ -91,38 +91,42 @@ def sighting_of(measurement: Measurement, sensor: AbstractSensor) -> Sighting | 
 
 
 def landmark_start(
-    sightings: Sequence[Sighting], poses: Sequence[Pose], covariance: Covariance | None = None
+    sightings: Sequence[Sighting],
+    poses: Sequence[Pose],
+    covariance: Callable[[], Covariance] | None = None,
 ) -> FloatArray | None:
     """First estimate of a landmark, if it is determined.
 
     Args:
         sightings: What was measured of it, n of them.
         poses: Estimate of the pose of each, shape (3,) or (4, 4), world frame.
-        covariance: Joint covariance of the poses, shape (n d, n d), in their tangents; None takes
-            them as exact, which says less than the truth against a start.
+        covariance: Gives the joint covariance of the poses, shape (n d, n d), in their tangents;
+            called only where the landmark is determined if the poses are exact. None takes them
+            as exact.
 
     Returns:
         Shape (2,) or (3,), metres, world frame; None if it must wait.
     """
     geometry = _Geometry.of(sightings, poses)
-    found = [geometry.refined(point) for point in geometry.candidates()]
-    fits = [place for place in found if place is not None]
+    fits = [place for start in geometry.candidates() if (place := geometry.refined(start))]
     if not fits:
         return None
-    best = min(fits, key=geometry.chi_square)
+    best = min(fits, key=lambda place: place.chi_square).point
     mirrored = geometry.refined(geometry.mirrored(best))
-    rivals = [*fits, *([] if mirrored is None else [mirrored])]
     distance = float(np.linalg.norm(best - geometry.origins, axis=1).min())
-    relative = None if covariance is None else _relative(covariance, tangent_dim(poses[-1]))
-    chi_square, spread = geometry.weighed(best, poses, relative)
-    if not spread <= SIGMA_SHARE * distance:
+    rivals = [
+        place.point
+        for place in (*fits, *([mirrored] if mirrored else []))
+        if np.linalg.norm(place.point - best) > _SAME_PLACE * distance
+    ]
+    if not geometry.outdoes(best, rivals, SIGMA_SHARE * distance, np.diag(geometry.variances)):
         return None
-    for rival in rivals:
-        if np.linalg.norm(rival - best) <= _SAME_PLACE * distance:
-            continue
-        if geometry.weighed(rival, poses, relative)[0] - chi_square < RIVAL_CHI_SQUARE:
-            return None
-    return best
+    if covariance is None:
+        return best
+    relative = _relative(covariance(), tangent_dim(poses[-1]))
+    by_pose = geometry.by_poses(best, poses)
+    noise = np.diag(geometry.variances) + by_pose @ relative @ by_pose.T
+    return best if geometry.outdoes(best, rivals, SIGMA_SHARE * distance, noise) else None
 
 
 def _relative(covariance: Covariance, dim: int) -> Covariance:
@@ -134,192 +138,203 @@ def _relative(covariance: Covariance, dim: int) -> Covariance:
     return given
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A minimum of the least squares, and its squared whitened residuals."""
+
+    point: FloatArray
+    chi_square: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Geometry:
-    """Sightings in the world frame; NaN where a sighting has no bearing or no range.
+    """Sightings in the world frame. Residuals are those of the bearings, then of the ranges.
 
     Attributes:
-        origins: Shape (n, s).
-        directions: Shape (n, s), unit vectors.
-        direction_sigmas: Shape (n,).
-        distances: Shape (n,).
-        distance_sigmas: Shape (n,).
+        origins: Positions of the poses, shape (n, s).
+        with_bearing: Rows of the sightings with a bearing, shape (b,).
+        directions: Unit vectors of these, shape (b, s).
+        with_range: Rows of the sightings with a range, shape (r,).
+        distances: Metres, shape (r,).
+        variances: Of each residual, shape (b s + r,).
     """
 
     origins: FloatArray
+    with_bearing: IntArray
     directions: FloatArray
-    direction_sigmas: FloatArray
+    with_range: IntArray
     distances: FloatArray
-    distance_sigmas: FloatArray
+    variances: FloatArray
 
     @staticmethod
     def of(sightings: Sequence[Sighting], poses: Sequence[Pose]) -> "_Geometry":
         """Sightings put into the world frame."""
-        nowhere = np.full(position(poses[0]).size, np.nan)
-        return _Geometry(
-            origins=np.array([position(pose) for pose in poses]),
-            directions=np.array(
-                [
-                    nowhere if one.direction is None else rotation_matrix(pose) @ one.direction
-                    for one, pose in zip(sightings, poses, strict=True)
-                ]
-            ),
-            direction_sigmas=np.array([one.direction_sigma for one in sightings]),
-            distances=np.array(
-                [np.nan if one.distance is None else one.distance for one in sightings]
-            ),
-            distance_sigmas=np.array([one.distance_sigma for one in sightings]),
+        origins = np.array([position(pose) for pose in poses])
+        size = origins.shape[1]
+        seen = [
+            (row, rotation_matrix(pose) @ one.direction, one.direction_sigma)
+            for row, (one, pose) in enumerate(zip(sightings, poses, strict=True))
+            if one.direction is not None
+        ]
+        ranged = [
+            (row, one.distance, one.distance_sigma)
+            for row, one in enumerate(sightings)
+            if one.distance is not None
+        ]
+        sigmas = np.append(
+            np.repeat([sigma for _, _, sigma in seen], size), [sigma for _, _, sigma in ranged]
         )
-
-    @property
-    def with_bearing(self) -> FloatArray:
-        """Rows of sightings with a bearing."""
-        return np.flatnonzero(np.isfinite(self.directions[:, 0]))
-
-    @property
-    def with_range(self) -> FloatArray:
-        """Rows of sightings with a range."""
-        return np.flatnonzero(np.isfinite(self.distances))
+        return _Geometry(
+            origins=origins,
+            with_bearing=np.array([row for row, _, _ in seen], dtype=np.int64),
+            directions=np.array([unit for _, unit, _ in seen]).reshape(-1, size),
+            with_range=np.array([row for row, _, _ in ranged], dtype=np.int64),
+            distances=np.array([distance for _, distance, _ in ranged], dtype=np.float64),
+            variances=sigmas**2,
+        )
 
     def candidates(self) -> list[FloatArray]:
         """Starting points that geometry offers."""
-        bearings, ranges = self.with_bearing, self.with_range
-        size = self.origins.shape[1]
         points: list[FloatArray] = []
-        if len(bearings) >= 2:
-            unit, start = self.directions[bearings], self.origins[bearings]
-            across = np.eye(size) - unit[:, :, None] * unit[:, None, :]
-            seen = np.linalg.lstsq(
-                across.reshape(-1, size), (across @ start[:, :, None]).ravel(), rcond=None
-            )[0]
-            points.append(seen)
-        if len(bearings) and len(ranges):
-            points += self._ray_meets_sphere(int(bearings[-1]), int(ranges[-1]))
-        if len(ranges) >= 2:
-            points += self._trilaterated(ranges)
+        if len(self.with_bearing) >= 2:
+            points.append(self._bearings_meet())
+        if len(self.with_bearing) and len(self.with_range):
+            points += self._bearing_meets_range()
+        if len(self.with_range) >= 2:
+            points += self._ranges_meet()
         return points
 
-    def _ray_meets_sphere(self, bearing: int, distance: int) -> list[FloatArray]:
-        """Where the bearing of one sighting meets the range of another; its nearest point else."""
-        unit, offset = self.directions[bearing], self.origins[bearing] - self.origins[distance]
-        middle = -float(unit @ offset)
-        square = middle**2 - float(offset @ offset) + self.distances[distance] ** 2
-        half = np.sqrt(max(square, 0.0))
-        ways = [way for way in (middle - half, middle + half) if way > 0.0]
-        return [self.origins[bearing] + way * unit for way in ways]
+    def _bearings_meet(self) -> FloatArray:
+        """Point nearest to the lines of all bearings."""
+        size = self.origins.shape[1]
+        across = np.eye(size) - self.directions[:, :, None] * self.directions[:, None, :]
+        right = across @ self.origins[self.with_bearing][:, :, None]
+        solved = np.linalg.lstsq(across.reshape(-1, size), right.ravel(), rcond=None)[0]
+        return found
 
-    def _trilaterated(self, rows: FloatArray) -> list[FloatArray]:
+    def _bearing_meets_range(self) -> list[FloatArray]:
+        """Where the last bearing meets the last range; where it comes nearest if it does not."""
+        start, unit = self.origins[self.with_bearing[-1]], self.directions[-1]
+        offset = start - self.origins[self.with_range[-1]]
+        middle = -float(unit @ offset)
+        square = middle**2 - float(offset @ offset) + self.distances[-1] ** 2
+        half = np.sqrt(max(square, 0.0))
+        return [start + way * unit for way in (middle - half, middle + half) if way > 0.0]
+
+    def _ranges_meet(self) -> list[FloatArray]:
         """Points at the measured distances: linear in (q, |q|^2), and mirror images."""
-        size, ways = self.origins.shape[1], self.distances[rows]
-        centre = self.origins[rows].mean(axis=0)
-        local = self.origins[rows] - centre
-        axes = np.linalg.svd(local)[2]
-        right = ways**2 - (local**2).sum(axis=1)
+        size, positions = self.origins.shape[1], self.origins[self.with_range]
+        centre, axes = self._axes(positions)
+        local = positions - centre
+        right = self.distances**2 - (local**2).sum(axis=1)
         points = []
         for kept in (size - 1, size):
-            along = local @ axes[:kept].T
-            lifted = np.hstack([-2.0 * along, np.ones((len(rows), 1))])
+            lifted = np.hstack([-2.0 * local @ axes[:kept].T, np.ones((len(right), 1))])
             solved = np.linalg.lstsq(lifted, right, rcond=None)[0]
             middle = centre + solved[:kept] @ axes[:kept]
             if kept == size:
                 points.append(middle)
                 continue
             # Never quite on the plane of the poses: there the least squares have a saddle.
-            aside = max(solved[-1] - solved[:kept] @ solved[:kept], (0.05 * ways.mean()) ** 2)
-            points += [middle + sign * np.sqrt(aside) * axes[-1] for sign in (1.0, -1.0)]
+            least = 0.05 * self.distances.mean()
+            aside = np.sqrt(max(solved[-1] - solved[:kept] @ solved[:kept], least**2))
+            points += [middle + sign * aside * axes[-1] for sign in (1.0, -1.0)]
         return points
+
+    @staticmethod
+    def _axes(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Centre of positions and their principal axes, the least one last."""
+        centre: FloatArray = positions.mean(axis=0)
+        return centre, np.linalg.svd(positions - centre)[2]
 
     def mirrored(self, point: FloatArray) -> FloatArray:
         """Mirror image of a point about the line or plane that the poses lie nearest to."""
-        centre = self.origins.mean(axis=0)
-        normal = np.linalg.svd(self.origins - centre)[2][-1]
-        return point - 2.0 * float((point - centre) @ normal) * normal
+        centre, axes = self._axes(self.origins)
+        image: FloatArray = point - 2.0 * float((point - centre) @ axes[-1]) * axes[-1]
+        return image
 
     def residuals(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals, bearings first, shape (m,), and their derivatives by the point, (m, s)."""
-        bearings, ranges = self.with_bearing, self.with_range
+        """Residuals at a point, shape (m,), and their derivatives by it, shape (m, s)."""
         offset = point - self.origins
-        length = np.linalg.norm(offset, axis=1)
+        length = np.sqrt((offset**2).sum(axis=1))
         unit = offset / length[:, None]
-        across = (np.eye(point.size) - unit[:, :, None] * unit[:, None, :]) / length[:, None, None]
-        return (
-            np.append(
-                (unit - self.directions)[bearings].ravel(), (length - self.distances)[ranges]
-            ),
-            np.vstack([across[bearings].reshape(-1, point.size), unit[ranges]]),
-        )
+        far, ray = length[self.with_bearing], unit[self.with_bearing]
+        across = (np.eye(point.size) - ray[:, :, None] * ray[:, None, :]) / far[:, None, None]
+        errors = ((ray - self.directions).ravel(), length[self.with_range] - self.distances)
+        slopes = (across.reshape(-1, point.size), unit[self.with_range])
+        return np.concatenate(errors), np.concatenate(slopes)
 
-    def sigmas(self) -> FloatArray:
-        """Sigma of each residual, shape (m,)."""
-        size = self.origins.shape[1]
-        return np.append(
-            np.repeat(self.direction_sigmas[self.with_bearing], size),
-            self.distance_sigmas[self.with_range],
-        )
-
-    def chi_square(self, point: FloatArray) -> float:
-        """Squared whitened residuals if the poses are exact."""
-        return float(((self.residuals(point)[0] / self.sigmas()) ** 2).sum())
-
-    def refined(self, start: FloatArray) -> FloatArray | None:
-        """Least squares from a start, damped; None where it leads nowhere."""
-        point, sigmas, damping = start, self.sigmas(), 1e-9
-        if np.linalg.norm(point - self.origins, axis=1).min() <= 0.0:
+    def refined(self, start: FloatArray) -> _Place | None:
+        """Damped least squares from a start; None where it meets a pose, or nothing fits."""
+        if not self._apart(start):
             return None
-        cost = self.chi_square(point)
-        for _ in range(_ITERATIONS):
-            error, slope = self.residuals(point)
-            slope = slope / sigmas[:, None]
-            square = slope.T @ slope
-            bound = damping * np.trace(square) * np.eye(point.size)
-            step = np.linalg.lstsq(square + bound, -slope.T @ (error / sigmas), rcond=None)[0]
-            away = np.linalg.norm(point + step - self.origins, axis=1).min() > 0.0
-            after = self.chi_square(point + step) if away else np.inf
-            if after < cost:
-                small = np.linalg.norm(step) <= 1e-9 * np.linalg.norm(point - self.origins[-1])
-                point, cost, damping = point + step, after, max(0.1 * damping, 1e-9)
-                if small:
-                    break
-            else:
-                damping *= 10.0
-                if damping > 1e6:
-                    break
-        return point if np.isfinite(cost) else None
-
-    def weighed(
-        self, point: FloatArray, poses: Sequence[Pose], covariance: Covariance | None
-    ) -> tuple[float, float]:
-        """Squared residuals by S, and the largest sigma of the point by S; infinite if none."""
+        point, damping = start, 1e-9
         error, slope = self.residuals(point)
-        noise = np.diag(self.sigmas() ** 2)
-        if covariance is not None:
-            by_pose = self._by_poses(point, poses)
-            noise += by_pose @ covariance @ by_pose.T
-        whitened = np.linalg.solve(np.linalg.cholesky(noise), np.column_stack([slope, error]))
-        singular = np.linalg.svd(whitened[:, :-1], compute_uv=False)
-        enough = len(singular) == point.size and singular[-1] > 1e-12 * singular[0]
-        return float(whitened[:, -1] @ whitened[:, -1]), (
-            1.0 / float(singular[-1]) if enough else np.inf
-        )
+        cost = float(error**2 @ (1.0 / self.variances))
+        for _ in range(_ITERATIONS):
+            weighted = slope.T / self.variances
+            square = weighted @ slope
+            bound = damping * np.trace(square) * np.eye(point.size)
+            step = np.linalg.solve(square + bound, -weighted @ error)
+            if not self._apart(point + step):
+                damping *= 10.0
+                continue
+            after, slope_after = self.residuals(point + step)
+            cost_after = float(after**2 @ (1.0 / self.variances))
+            if not cost_after < cost:
+                damping *= 10.0
+                continue
+            small = cost - cost_after <= 1e-6 * (1.0 + cost)
+            point, error, slope, cost = point + step, after, slope_after, cost_after
+            damping = max(0.1 * damping, 1e-9)
+            if small:
+                break
+        return _Place(point, cost)
 
-    def _by_poses(self, point: FloatArray, poses: Sequence[Pose]) -> FloatArray:
+    def _apart(self, point: FloatArray) -> bool:
+        """Whether a point is finite and away from every pose."""
+        return bool((((point - self.origins) ** 2).sum(axis=1) > MIN_DISTANCE_M**2).all())
+
+    def outdoes(
+        self, best: FloatArray, rivals: Sequence[FloatArray], spread: float, noise: Covariance
+    ) -> bool:
+        """Whether a place is determined to a sigma and fits better than all rivals.
+
+        Args:
+            best: The place.
+            rivals: Other minima.
+            spread: Largest sigma allowed, metres.
+            noise: Covariance S of the residuals, shape (m, m).
+        """
+        lower = np.linalg.cholesky(noise)
+        error, slope = self.residuals(best)
+        singular = np.linalg.svd(np.linalg.solve(lower, slope), compute_uv=False)
+        if len(singular) < best.size or spread * singular[-1] < 1.0:
+            return False
+        fit = float((np.linalg.solve(lower, error) ** 2).sum())
+        others = [np.linalg.solve(lower, self.residuals(rival)[0]) for rival in rivals]
+        return all(float(other @ other) - fit >= RIVAL_CHI_SQUARE for other in others)
+
+    def by_poses(self, point: FloatArray, poses: Sequence[Pose]) -> FloatArray:
         """Derivatives of the residuals by the pose tangents, shape (m, n d)."""
         size, dim = point.size, tangent_dim(poses[0])
         _, slope = self.residuals(point)
-        split = size * len(self.with_bearing)
-        blocks = np.zeros((len(slope), len(poses) * dim))
-        rows = [
-            *((row, slice(i * size, (i + 1) * size)) for i, row in enumerate(self.with_bearing)),
-            *((row, slice(split + i, split + i + 1)) for i, row in enumerate(self.with_range)),
-        ]
-        for row, place in rows:
-            columns = slice(int(row) * dim, (int(row) + 1) * dim)
-            blocks[place, columns] = -slope[place] @ point_jacobian(poses[row], size)
-            if place.stop <= split:
-                rotation, seen = rotation_matrix(poses[row]), self.directions[row]
-                turn = blocks[place, columns][:, heading_slice(dim)]
-                if size == 2:
-                    turn += np.array([[seen[1]], [-seen[0]]])
-                else:
-                    turn += rotation @ skew(rotation.T @ seen)
-        return blocks
+        matrix = np.zeros((len(slope), len(poses) * dim))
+        for place, row in enumerate(self.with_bearing):
+            rows, pose = slice(place * size, (place + 1) * size), poses[row]
+            block = -slope[rows] @ point_jacobian(pose, size)
+            rotation, seen = rotation_matrix(pose), self.directions[place]
+            turn = (
+                np.array([[seen[1]], [-seen[0]]])
+                if size == 2
+                else rotation @ skew(rotation.T @ seen)
+            )
+            block[:, heading_slice(dim)] += turn
+            matrix[rows, row * dim : (row + 1) * dim] = block
+        first = size * len(self.with_bearing)
+        for place, row in enumerate(self.with_range):
+            rows = slice(first + place, first + place + 1)
+            matrix[rows, row * dim : (row + 1) * dim] = -slope[rows] @ point_jacobian(
+                poses[row], size
+            )
+        return matrix

@@ -9,7 +9,7 @@ one whose factors have the covariance C / w: that one has a belief, the robust o
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import gtsam
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
 
-_LOSSES = {"huber": gtsam.noiseModel.mEstimator.Huber, "cauchy": gtsam.noiseModel.mEstimator.Cauchy}
+_LOSSES = ("huber", "cauchy")
 SMALLEST_WEIGHT = 1e-12
 """Floor of a weight, so that no covariance becomes infinite."""
 
@@ -47,23 +47,51 @@ class RobustLoss:
             )
         check_positive(self.parameter, f"parameter of robust loss {self.loss!r}")
 
+    def weight(self, length: float) -> float:
+        """Weight w of a residual of a whitened length, above zero and at most one."""
+        if self.loss == "huber":
+            weight = 1.0 if length <= self.parameter else self.parameter / length
+        else:
+            weight = self.parameter**2 / (self.parameter**2 + length**2)
+        return max(weight, SMALLEST_WEIGHT)
+
     def around(self, noise: gtsam.noiseModel.Gaussian) -> gtsam.noiseModel.Robust:
-        """Robust noise model about a Gaussian one."""
-        return gtsam.noiseModel.Robust.Create(_LOSSES[self.loss].Create(self.parameter), noise)
+        """GTSAM's robust noise model about a Gaussian one."""
+        estimator = gtsam.noiseModel.mEstimator
+        loss = estimator.Huber if self.loss == "huber" else estimator.Cauchy
+        return gtsam.noiseModel.Robust.Create(loss.Create(self.parameter), noise)
 
 
-def weight_of(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
-    """Weight of a factor with robust noise at given values, above zero and at most one."""
-    model = factor.noiseModel()
-    length = float(np.linalg.norm(model.noise().whiten(factor.unwhitenedError(values))))
-    return max(float(model.robust().weight(length)), SMALLEST_WEIGHT)
+@dataclass(frozen=True, slots=True)
+class RobustFactor:
+    """A factor whose residual weighs less where it is large.
 
+    Attributes:
+        sensor: Name of the sensor that measured.
+        gaussian: The factor with its Gaussian noise.
+        loss: How it weighs.
+    """
 
-def reweighted(factor: gtsam.NonlinearFactor, weight: float) -> gtsam.NonlinearFactor:
-    """The same factor with Gaussian noise: its covariance divided by the weight."""
-    inner = factor.noiseModel().noise()
-    if isinstance(inner, gtsam.noiseModel.Diagonal):
-        sigmas = inner.sigmas() / np.sqrt(weight)
-        return factor.cloneWithNewNoiseModel(gtsam.noiseModel.Diagonal.Sigmas(sigmas, False))
-    root = np.sqrt(weight) * inner.R()
-    return factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.SqrtInformation(root, False))
+    sensor: str
+    gaussian: gtsam.NoiseModelFactor
+    loss: RobustLoss
+
+    def factor(self) -> gtsam.NoiseModelFactor:
+        """The factor with robust noise, for iSAM2."""
+        noise = cast(gtsam.noiseModel.Gaussian, self.gaussian.noiseModel())
+        return self.gaussian.cloneWithNewNoiseModel(self.loss.around(noise))
+
+    def weight(self, values: gtsam.Values) -> float:
+        """Its weight at given values."""
+        return self.loss.weight(float(np.linalg.norm(self.gaussian.whitenedError(values))))
+
+    def reweighted(self, values: gtsam.Values) -> gtsam.NoiseModelFactor:
+        """The factor with Gaussian noise, its covariance divided by the weight at the values."""
+        root = np.sqrt(self.weight(values))
+        noise = cast(gtsam.noiseModel.Gaussian, self.gaussian.noiseModel())
+        model: gtsam.noiseModel.Gaussian
+        if isinstance(noise, gtsam.noiseModel.Diagonal):
+            model = gtsam.noiseModel.Diagonal.Sigmas(noise.sigmas() / root, False)
+        else:
+            model = gtsam.noiseModel.Gaussian.SqrtInformation(root * noise.R(), False)
+        return self.gaussian.cloneWithNewNoiseModel(model)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from fgplan.checks import check_covariance, check_not_negative, frozen
 from fgplan.errors import InvalidInputError
 from fgplan.models.pose import check_pose, tangent_dim
+from fgplan.slam.measured_factor import rigid
 from fgplan.slam.robust_noise import RobustLoss
 from fgplan.typing import Covariance, Pose
 
@@ -70,7 +71,7 @@ class SlamStart:
         Raises:
             InvalidInputError: If the pose is none or the covariance does not fit it.
         """
-        pose = frozen(check_pose(self.pose, "start pose"))
+        pose = frozen(rigid(check_pose(self.pose, "start pose")))
         object.__setattr__(self, "pose", pose)
         covariance = check_covariance(self.covariance, "start covariance", tangent_dim(pose))
         object.__setattr__(self, "covariance", covariance)

@@ -13,62 +13,37 @@ between (fgplan.slam.incremental_estimate): a run is resumed by replaying its lo
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import cast
 
 import gtsam
-import numpy as np
 
 from fgplan.beliefs.belief import Belief
 from fgplan.checks import check_covariance, check_finite, frozen
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.factors.gaussian_noise import gaussian_noise
-from fgplan.factors.keys import check_no_future_keys, describe_key
+from fgplan.factors.keys import describe_key
 from fgplan.factors.motion import gtsam_pose
 from fgplan.models.measurement import Measurement, Odometry
-from fgplan.models.pose import check_pose, compose, tangent_dim
+from fgplan.models.pose import compose, tangent_dim
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.models.sensor import AbstractSensor
-from fgplan.slam.incremental_estimate import Addition, IncrementalEstimate
-from fgplan.slam.landmark_start import Sighting, landmark_start, sighting_of
+from fgplan.slam.incremental_estimate import IncrementalEstimate
+from fgplan.slam.landmark_start import landmark_start, sighting_of
 from fgplan.slam.measured_factor import (
-    checked_measurement,
     landmark_factor,
     odometry_factor,
+    prior_factor,
+    rigid,
     robot_factor,
 )
-from fgplan.slam.pose_key import MAX_TEAM, is_pose_key, pose_key
+from fgplan.slam.pose_key import MAX_TEAM, pose_key
+from fgplan.slam.reading_check import check_measurement, checked_odometry, landmark_key
 from fgplan.slam.slam_options import SlamOptions, SlamStart
+from fgplan.slam.team_change import LandmarkMeasurement, TeamChange
 from fgplan.typing import Covariance, FloatArray, Key, Pose
 
-Started = tuple[FloatArray, Covariance]
+Located = tuple[FloatArray, Covariance]
 """Position, shape (2,) or (3,), metres, and its covariance."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """A measurement of a landmark that is not in the graph yet, and the pose it was taken from."""
-
-    measurement: Measurement
-    pose_key: Key
-
-
-@dataclass(slots=True)
-class _Change:
-    """What one update of iSAM2 changes; joins the state when that has succeeded.
-
-    Attributes:
-        waiting: All waiting lists as they will be.
-        poses: New current pose of each robot that moved.
-        points: First estimate of each new landmark.
-        seen: Landmark and robot of each measurement.
-        addition: What iSAM2 gets.
-    """
-
-    waiting: dict[Key, tuple[_Waiting, ...]]
-    poses: dict[str, tuple[Key, Pose]] = field(default_factory=dict)
-    points: dict[Key, FloatArray] = field(default_factory=dict)
-    seen: list[tuple[Key, str]] = field(default_factory=list)
-    addition: Addition = field(default_factory=Addition)
 
 
 class TeamSlam:
@@ -86,7 +61,7 @@ class TeamSlam:
         starts: Mapping[str, SlamStart],
         sensors: Mapping[str, AbstractSensor | RelativePoseSensor],
         options: SlamOptions = SlamOptions(),  # noqa: B008 - frozen
-        landmark_priors: Mapping[Key, Started] | None = None,
+        landmark_priors: Mapping[Key, Located] | None = None,
     ) -> None:
         """Put the robots at their starts.
 
@@ -109,25 +84,23 @@ class TeamSlam:
         self._steps = {name: [0] for name in self.robots}
         self._poses = {name: start.pose for name, start in starts.items()}
         self._step = -1
-        self._points: dict[Key, FloatArray] = {}
+        self._sizes: dict[Key, int] = {}
         self._seen_by: dict[Key, list[str]] = {}
-        self._waiting: dict[Key, tuple[_Waiting, ...]] = {}
+        self._waiting: dict[Key, tuple[LandmarkMeasurement, ...]] = {}
         self._smoother = IncrementalEstimate(options)
-        change = _Change({})
+        change = TeamChange({})
         for name, start in starts.items():
             key = self._keys[name][0]
-            prior = gtsam.PriorFactorPose2 if self._planar else gtsam.PriorFactorPose3
-            noise = gaussian_noise(start.covariance, f"prior of robot {name!r}")
-            change.addition.add(prior(key, gtsam_pose(start.pose), noise))
+            change.addition.factors.append(prior_factor(key, start.pose, start.covariance, name))
             change.addition.values.insert(key, gtsam_pose(start.pose))
-        for key, (point, covariance) in (landmark_priors or {}).items():
-            self._add_landmark_prior(key, point, covariance, change)
+        for key, located in (landmark_priors or {}).items():
+            self._add_landmark_prior(key, located, change)
         self._apply(change, "putting the robots at their starts")
 
     def update(
         self, step: int, odometry: Sequence[Odometry], measurements: Sequence[Measurement]
     ) -> None:
-        """Take in what one step has brought. After an error nothing has changed.
+        """Take in what one step has brought. An update that is refused changes nothing.
 
         Args:
             step: Steps since the start, larger than at the last update; 0, or any number, first.
@@ -145,8 +118,9 @@ class TeamSlam:
             raise InvalidInputError(
                 f"slam update: expected a step later than {self._step}, got {step}"
             )
-        change = _Change(dict(self._waiting))
-        self._add_odometry(step, odometry, change)
+        change = TeamChange(dict(self._waiting))
+        for reading in odometry:
+            self._add_odometry(step, reading, change)
         for measurement in measurements:
             self._add_measurement(measurement, change)
         self._apply(change, f"updating SLAM at step {step}")
@@ -208,15 +182,13 @@ class TeamSlam:
 
     def landmarks(self) -> dict[Key, FloatArray]:
         """Estimate of each landmark by ascending key, shape (2,) or (3,), metres, world frame."""
-        return {
-            key: self._smoother.point(key, self._points[key].size) for key in sorted(self._points)
-        }
+        return {key: self._smoother.point(key, self._sizes[key]) for key in sorted(self._sizes)}
 
     def seen_by(self) -> dict[Key, tuple[str, ...]]:
         """Robots that have measured each landmark of the map, by ascending key, in team order."""
         return {
             key: tuple(name for name in self.robots if name in self._seen_by.get(key, ()))
-            for key in sorted(self._points)
+            for key in sorted(self._sizes)
         }
 
     @property
@@ -288,154 +260,127 @@ class TeamSlam:
             )
         return self._sensors[name]
 
-    def _add_landmark_prior(
-        self, key: object, point: FloatArray, covariance: Covariance, change: _Change
-    ) -> None:
+    def _add_landmark_prior(self, key: object, prior: Located, change: TeamChange) -> None:
         """A landmark that is known beforehand."""
-        landmark = _landmark_key(key)
+        landmark = landmark_key(key)
         name = f"prior of landmark {describe_key(landmark)}"
-        where = check_finite(point, name, (None,))
-        if where.size != 3 and not (self._planar and where.size == 2):
+        point = check_finite(prior[0], name, (None,))
+        if point.size != 3 and not (self._planar and point.size == 2):
             raise InvalidInputError(
                 f"{name}: expected {'2 or 3' if self._planar else '3'} coordinates, got "
-                f"{where.size}"
+                f"{point.size}"
             )
-        noise = gaussian_noise(check_covariance(covariance, name, where.size), name)
-        prior = gtsam.PriorFactorPoint2 if where.size == 2 else gtsam.PriorFactorPoint3
-        change.addition.add(prior(landmark, where, noise))
-        change.addition.values.insert(landmark, where)
-        change.points[landmark] = where
+        noise = gaussian_noise(check_covariance(prior[1], name, point.size), name)
+        factor = gtsam.PriorFactorPoint2 if point.size == 2 else gtsam.PriorFactorPoint3
+        change.addition.factors.append(factor(landmark, point, noise))
+        change.addition.values.insert(landmark, point)
+        change.points[landmark] = point
 
-    def _add_odometry(self, step: int, odometry: Sequence[Odometry], change: _Change) -> None:
-        """A new pose for each robot that moved."""
-        for reading in odometry:
-            name = self._known(reading.robot)
-            who = f"odometry of robot {name!r} at step {step}"
-            if step == 0:
-                raise InvalidInputError(
-                    f"{who}: expected none, because the start is the pose of step 0; count the "
-                    "first motion as step 1"
-                )
-            if name in change.poses:
-                raise InvalidInputError(f"{who}: expected at most one, got two")
-            if reading.covariance is None:
-                raise InvalidInputError(
-                    f"{who}: expected a covariance, got exact odometry, which leaves no belief; "
-                    "give the robot an actuation or odometry MotionModel"
-                )
-            before = self._poses[name]
-            if reading.relative.shape != before.shape:
-                raise InvalidInputError(
-                    f"{who}: expected a relative pose of shape {before.shape}, got "
-                    f"{reading.relative.shape}"
-                )
-            check_pose(reading.relative, who)
-            covariance = check_covariance(reading.covariance, who, tangent_dim(before))
-            keys = self._keys[name]
-            new = pose_key(self.robots.index(name), len(keys))
-            pose = compose(before, reading.relative)
-            change.addition.add(
-                odometry_factor((keys[-1], new), reading.relative, covariance, name)
+    def _add_odometry(self, step: int, reading: Odometry, change: TeamChange) -> None:
+        """A new pose for a robot that moved."""
+        name = self._known(reading.robot)
+        if name in change.poses:
+            raise InvalidInputError(
+                f"odometry of robot {name!r} at step {step}: expected at most one, got two"
             )
-            change.addition.values.insert(new, gtsam_pose(pose))
-            change.poses[name] = (new, pose)
+        before, keys = self._poses[name], self._keys[name]
+        covariance = checked_odometry(reading, step, before)
+        relative = rigid(reading.relative)
+        new = pose_key(self.robots.index(name), len(keys))
+        pose = compose(before, relative)
+        factor = odometry_factor((keys[-1], new), relative, covariance, name)
+        change.addition.factors.append(factor)
+        change.addition.values.insert(new, gtsam_pose(pose))
+        change.poses[name] = (new, pose)
 
-    def _add_measurement(self, measurement: Measurement, change: _Change) -> None:
+    def _add_measurement(self, measurement: Measurement, change: TeamChange) -> None:
         """The factor of one measurement, or its place in the waiting list."""
         name = self._known(measurement.robot)
         if measurement.kind == "target":
             return
-        who = f"measurement of robot {name!r}"
-        sensor = self._sensor(measurement.sensor, who)
+        sensor = self._sensor(measurement.sensor, f"measurement of robot {name!r}")
         key, pose = change.poses.get(name, (self._keys[name][-1], self._poses[name]))
-        checked_measurement(measurement, sensor, pose)
+        check_measurement(measurement, sensor, pose)
         if measurement.kind == "robot":
             other = self._known(str(measurement.target))
             if other == name:
-                raise InvalidInputError(f"{who}: expected another robot as its target, got itself")
-            keyed = change.poses.get(other, (self._keys[other][-1], self._poses[other]))
-            factor = robot_factor(measurement, sensor, (key, keyed[0]), pose, keyed[1])
+                raise InvalidInputError(
+                    f"measurement of robot {name!r} with sensor {measurement.sensor!r}: expected "
+                    "another robot as its target, got itself"
+                )
+            there = change.poses.get(other, (self._keys[other][-1], self._poses[other]))[0]
+            factor = robot_factor(measurement, sensor, (key, there), planar=self._planar)
             self._add_factor(factor, measurement.sensor, change)
             return
-        if isinstance(sensor, RelativePoseSensor):
-            raise InvalidInputError(
-                f"{who}: expected a relative pose of another robot, got one of a "
-                f"{measurement.kind}, {measurement.target!r}; a landmark is a point"
-            )
-        landmark = _landmark_key(measurement.target)
+        landmark = landmark_key(measurement.target)
         change.seen.append((landmark, name))
-        waiting = _Waiting(measurement, key)
-        if landmark in self._points or landmark in change.points:
-            self._add_sighting(waiting, pose, change)
+        one = LandmarkMeasurement(measurement, cast(AbstractSensor, sensor), key)
+        if landmark in self._sizes or landmark in change.points:
+            self._add_sighting(one, change)
             return
-        change.waiting[landmark] = (*change.waiting.get(landmark, ()), waiting)
-        sighting = sighting_of(measurement, sensor)
+        change.waiting[landmark] = (*change.waiting.get(landmark, ()), one)
+        sighting = sighting_of(measurement, one.sensor)
         point = None if sighting is None else sighting.point(pose)
         if point is not None:
             self._start(landmark, point, change)
 
-    def _start(self, landmark: Key, point: FloatArray, change: _Change) -> None:
+    def _start(self, landmark: Key, point: FloatArray, change: TeamChange) -> None:
         """Put a landmark into the graph with all that waited for it."""
         change.addition.values.insert(landmark, point)
         change.points[landmark] = point
-        current = dict(change.poses.values())
         for one in change.waiting.pop(landmark):
-            pose = current.get(one.pose_key)
-            if pose is None:
-                pose = self._smoother.pose(one.pose_key, planar=self._planar)
-            self._add_sighting(one, pose, change)
+            self._add_sighting(one, change)
 
-    def _add_sighting(self, one: _Waiting, pose: Pose, change: _Change) -> None:
+    def _add_sighting(self, one: LandmarkMeasurement, change: TeamChange) -> None:
         """The factor of a measurement of a landmark of the map."""
-        landmark, name = int(one.measurement.target), one.measurement.sensor
-        point = change.points.get(landmark, self._points.get(landmark))
+        landmark = int(one.measurement.target)
+        size = self._sizes.get(landmark) or change.points[landmark].size
         keys = (one.pose_key, landmark)
-        factor = landmark_factor(one.measurement, self._sensors[name], keys, pose, point)
-        self._add_factor(factor, name, change)
+        factor = landmark_factor(
+            one.measurement, one.sensor, keys, planar=self._planar, flat=size == 2
+        )
+        self._add_factor(factor, one.measurement.sensor, change)
 
-    def _add_factor(self, factor: gtsam.NonlinearFactor, sensor: str, change: _Change) -> None:
+    def _add_factor(self, factor: gtsam.NoiseModelFactor, sensor: str, change: TeamChange) -> None:
         """A factor of a measurement, its noise robust if its sensor's is."""
         loss = self.options.robust.get(sensor)
-        if loss is not None:
-            factor = factor.cloneWithNewNoiseModel(loss.around(factor.noiseModel()))
-        change.addition.add(factor, sensor, robust=loss is not None)
+        if loss is None:
+            change.addition.factors.append(factor)
+        else:
+            change.addition.add_robust(factor, loss, sensor)
 
     def _start_landmarks(self, seen: set[Key], doing: str) -> None:
         """Put those landmarks into the graph that have become determined."""
-        change = _Change(dict(self._waiting))
+        change = TeamChange(dict(self._waiting))
         for landmark in sorted(seen & self._waiting.keys()):
-            geometry = [
-                (sighting, one.pose_key)
-                for one in self._waiting[landmark]
-                if (sighting := self._sighting(one)) is not None
-            ]
-            if len(geometry) < 2:
-                continue
-            sightings = [sighting for sighting, _ in geometry]
-            poses = [self._smoother.pose(key, planar=self._planar) for _, key in geometry]
-            if landmark_start(sightings, poses) is None:
-                continue
-            joint = self._smoother.joint_covariance(
-                [key for _, key in geometry], tangent_dim(poses[0])
-            )
-            point = landmark_start(sightings, poses, joint)
+            point = self._place(self._waiting[landmark])
             if point is not None:
                 self._start(landmark, point, change)
         if change.points:
             self._apply(change, doing)
 
-    def _sighting(self, one: _Waiting) -> Sighting | None:
-        """A waiting measurement as geometry."""
-        sensor = self._sensors[one.measurement.sensor]
-        return (
-            None if isinstance(sensor, RelativePoseSensor) else sighting_of(one.measurement, sensor)
+    def _place(self, waiting: Sequence[LandmarkMeasurement]) -> FloatArray | None:
+        """First estimate of a landmark from all that waits for it."""
+        sighted = [
+            (sighting, one.pose_key)
+            for one in waiting
+            if (sighting := sighting_of(one.measurement, one.sensor)) is not None
+        ]
+        if len(sighted) < 2:
+            return None
+        keys = [key for _, key in sighted]
+        poses = [self._smoother.pose(key, planar=self._planar) for key in keys]
+        return landmark_start(
+            [sighting for sighting, _ in sighted],
+            poses,
+            lambda: self._smoother.joint_covariance(keys, tangent_dim(poses[0])),
         )
 
-    def _apply(self, change: _Change, doing: str) -> None:
+    def _apply(self, change: TeamChange, doing: str) -> None:
         """Update iSAM2, then let the change join the state."""
         self._smoother.update(change.addition, doing)
         self._waiting = change.waiting
-        self._points.update(change.points)
+        self._sizes.update({key: point.size for key, point in change.points.items()})
         for name, (key, _) in change.poses.items():
             self._keys[name].append(key)
         for name in self.robots:
@@ -444,16 +389,3 @@ class TeamSlam:
             robots = self._seen_by.setdefault(landmark, [])
             if name not in robots:
                 robots.append(name)
-
-
-def _landmark_key(key: object) -> Key:
-    """A key that may be a landmark's."""
-    if isinstance(key, bool) or not isinstance(key, int | np.integer) or key < 0:
-        raise InvalidInputError(f"landmark: expected a GTSAM key, got {key!r}")
-    check_no_future_keys([int(key)])
-    if is_pose_key(int(key)):
-        raise InvalidInputError(
-            f"landmark {describe_key(int(key))}: keys 'x' with a letter are SLAM's poses; use "
-            "another character, as in gtsam.symbol('l', 0)"
-        )
-    return int(key)
