@@ -84,7 +84,8 @@ class IncrementalEstimate:
             with gtsam_boundary(doing):
                 self._smoother.update(new, addition.values)
                 for _ in range(self.options.iterations - 1):
-                    self._smoother.update()
+                    if self._smoother.update().getVariablesRelinearized() == 0:
+                        break
                 values = self._smoother.calculateEstimate()
         except Exception:  # of GTSAM, or of a user's own sensor
             self._rebuild()

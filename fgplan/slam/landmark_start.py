@@ -209,8 +209,7 @@ class _Geometry:
         size = self.origins.shape[1]
         across = np.eye(size) - self.directions[:, :, None] * self.directions[:, None, :]
         right = across @ self.origins[self.with_bearing][:, :, None]
-        solved = np.linalg.lstsq(across.reshape(-1, size), right.ravel(), rcond=None)[0]
-        return found
+        return np.asarray(np.linalg.lstsq(across.reshape(-1, size), right.ravel(), rcond=None)[0])
 
     def _bearing_meets_range(self) -> list[FloatArray]:
         """Where the last bearing meets the last range; where it comes nearest if it does not."""

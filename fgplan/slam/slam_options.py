@@ -1,7 +1,8 @@
 """How SLAM starts and how iSAM2 is run.
 
-With ``relinearise_threshold`` 0 every variable is linearised anew at every update: as exact as
-batch least squares, and slower the longer the run.
+One step of iSAM2 an update is enough while estimates move little. Where two robots of which one
+hardly knows where it is see the same landmark, it is not, so steps go on until nothing moves by
+more than the threshold. With threshold 0 that never happens, and each update takes all steps.
 """
 
 from collections.abc import Mapping
@@ -23,13 +24,14 @@ class SlamOptions:
         relinearise_threshold: A variable is linearised anew when its estimate has moved by more
             than this in any direction (metres, radians).
         relinearise_every: Updates from one such check to the next.
-        iterations: Steps of iSAM2 in each update; more than one follows strong nonlinearity.
+        iterations: Most steps of iSAM2 in each update; it ends with the first in which no variable
+            has to be linearised anew, so more than two are rare.
         robust: Loss by name of sensor, for measurements that may be outliers; none for the others.
     """
 
     relinearise_threshold: float = 0.1
     relinearise_every: int = 1
-    iterations: int = 1
+    iterations: int = 10
     robust: Mapping[str, RobustLoss] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
