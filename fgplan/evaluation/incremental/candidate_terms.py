@@ -7,8 +7,7 @@ import numpy as np
 
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.message_pool import MessagePool
-from fgplan.evaluation.incremental.messages import Chains, build, solve
-from fgplan.evaluation.incremental.segments import assemble
+from fgplan.evaluation.incremental.messages import build, solve
 from fgplan.evaluation.incremental.turn import Turn, reads_only_the_end
 from fgplan.evaluation.incremental.whitened_rows import posterior_by_qr
 from fgplan.evaluation.objective import UncertaintyTerm
@@ -34,8 +33,6 @@ class Work:
     def __init__(self) -> None:
         """Start from nothing."""
         self.reused = self.rebuilt = self.solves = self.fallbacks = 0
-        self.segments_reused: set[int] = set()
-        self.segments_rebuilt: set[int] = set()
 
 
 def others_path_terms(memory: Memory) -> FloatArray:
@@ -129,7 +126,17 @@ def _at_the_end(turn: Turn, cut: CutReadings, subset: IntArray, work: Work) -> F
     fresh = subset[missing[subset]]
     pools = memory.pools
     if len(fresh):
-        pools = (*pools, *_fresh_messages(turn, fresh, reads[fresh], work))
+        pool = build(
+            table,
+            memory.fixed,
+            memory.moving,
+            memory.segments,
+            turn.universe(None),
+            fresh,
+            table.lengths[fresh],
+            reads[fresh],
+        )
+        pools = (*pools, pool)
         turn.memory = replace(memory, pools=pools)
     work.rebuilt += len(fresh)
     work.reused += len(subset) - len(fresh)
@@ -143,33 +150,6 @@ def _at_the_end(turn: Turn, cut: CutReadings, subset: IntArray, work: Work) -> F
         if inside.any():
             covariance[inside] = _solved(turn, None, pool, places[inside], columns, reads, work)
     return _reorder(covariance, cut, memory.robot)
-
-
-def _fresh_messages(
-    turn: Turn, fresh: IntArray, reads: IntArray, work: Work
-) -> tuple[MessagePool, ...]:
-    """Messages of candidates that have none, of carried segments where there are any."""
-    memory, table, universe = turn.memory, turn.memory.table, turn.universe(None)
-    fixed, moving = memory.fixed, memory.moving
-    if memory.carried is None or memory.segments is None:
-        chains = Chains(table.states, table.motion)
-        column, width, lengths = universe.column, universe.width, table.lengths[fresh]
-        return (build(chains, fixed, moving, column, width, fresh, lengths, reads),)
-    found = assemble(
-        table,
-        fixed,
-        moving,
-        memory.numbering,
-        universe,
-        memory.carried,
-        memory.segments,
-        fresh,
-        reads.shape[1] > 0,
-    )
-    pools, reused, rebuilt = found
-    work.segments_reused.update(reused.tolist())
-    work.segments_rebuilt.update(rebuilt.tolist())
-    return pools
 
 
 def _at_a_cut(
@@ -190,11 +170,11 @@ def _at_a_cut(
     reads[:] = steps
     lengths = np.full(len(subset), length, np.int64)
     pool = build(
-        Chains(table.states, table.motion),
+        table,
         memory.fixed,
         memory.moving,
-        universe.column,
-        universe.width,
+        memory.segments,
+        universe,
         subset,
         lengths,
         reads[subset],

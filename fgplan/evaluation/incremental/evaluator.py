@@ -26,15 +26,14 @@ from fgplan.evaluation.incremental.candidate_terms import (
     lower_bounds,
 )
 from fgplan.evaluation.incremental.memory import Memory
-from fgplan.evaluation.incremental.preparation import exchange, prepare
-from fgplan.evaluation.incremental.segments import Carried, carry_segments, find_segments
+from fgplan.evaluation.incremental.preparation import carry, exchange, prepare
+from fgplan.evaluation.incremental.segments import Carried
 from fgplan.evaluation.incremental.turn import (
     Turn,
     begin_turn,
     reads_only_the_end,
     separable,
 )
-from fgplan.evaluation.incremental.universe import widths
 from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath
@@ -96,7 +95,7 @@ class Incremental:
             robot: Whose candidates these are.
             candidates: At least one path of the robot.
             carried: What ``carry`` gave after an earlier session, under whatever prior; None for
-                the first. It is used where all terms read the end and no whole own path.
+                the first.
 
         Returns:
             Memory for ``evaluate`` and ``choose``.
@@ -106,11 +105,11 @@ class Incremental:
             InvalidInputError: If a candidate is another robot's or does not fit the prior.
             IllPosedBeliefError: If the prior has no finite covariance.
         """
-        return prepare(problem, robot, candidates, carried)
+        return prepare(problem, robot, candidates, carried, self.memory_bytes)
 
     @one_blas_thread()
     def carry(self, memory: Memory) -> Carried:
-        """Messages of the candidates' segments, for ``start`` of the next session.
+        """What the next planning session can use of this one: see ``Carried``.
 
         It depends on prior and candidates alone: what a session has evaluated makes no difference.
         There is time for it while the robots move.
@@ -119,14 +118,10 @@ class Incremental:
             memory: Memory of the last evaluation, or of ``start``.
 
         Returns:
-            Segment messages, found again by their content; at most ``memory_bytes``.
+            Messages of the candidates' segments and linearised observations, found again by their
+            content; at most ``memory_bytes``.
         """
-        table, fixed, numbering = memory.table, memory.fixed, memory.numbering
-        segments = memory.segments or find_segments(table, fixed, numbering, None)
-        width = widths(memory.problem.dim, numbering, memory.prior)
-        return carry_segments(
-            table, fixed, numbering, width, memory.carried, segments, self.memory_bytes
-        )
+        return carry(memory, self.memory_bytes)
 
     @one_blas_thread()
     def add_candidates(self, memory: Memory, candidates: Sequence[CandidatePath]) -> Memory:
@@ -142,7 +137,7 @@ class Incremental:
         Raises:
             InvalidInputError: If a candidate is another robot's or does not fit the prior.
         """
-        return exchange(memory, range(len(memory.table.paths)), candidates)
+        return exchange(memory, range(len(memory.table.paths)), candidates, self.memory_bytes)
 
     @one_blas_thread()
     def replace_candidates(
@@ -166,7 +161,7 @@ class Incremental:
             InvalidInputError: If indices are not increasing or out of range, or a candidate is
                 another robot's or does not fit the prior.
         """
-        return exchange(memory, kept, candidates)
+        return exchange(memory, kept, candidates, self.memory_bytes)
 
     @one_blas_thread()
     def evaluate(
@@ -278,7 +273,7 @@ class Incremental:
             if held + pool.bytes <= self.memory_bytes:
                 pools.append(pool)
                 held += pool.bytes
-        return replace(turn.memory, pools=tuple(pools), terms=terms)
+        return replace(turn.memory, pools=tuple(pools), terms=terms, segments_told=True)
 
 
 def _carried_over(turn: Turn) -> tuple[FloatArray, BoolArray]:
@@ -309,6 +304,7 @@ def _report(
     turn: Turn, after: Memory, work: Work, known: BoolArray, skipped: tuple[int, ...]
 ) -> ReevaluationReport:
     """Account of an evaluation."""
+    counted = None if turn.memory.segments_told else turn.memory.segments
     vertices = np.unique(after.table.vertices[turn.change.involved])
     vertices = vertices[vertices >= 0]  # -1 stands for no vertex
     return ReevaluationReport(
@@ -322,8 +318,8 @@ def _report(
         messages_rebuilt=work.rebuilt,
         solves=work.solves,
         skipped=skipped,
-        segments_reused=len(work.segments_reused),
-        segments_rebuilt=len(work.segments_rebuilt),
+        segments_reused=0 if counted is None else counted.reused,
+        segments_rebuilt=0 if counted is None else len(counted.names) - counted.reused,
         fallbacks=work.fallbacks + int(any(u.by_qr for u in turn.universes.values())),
         bytes_held=after.bytes,
     )

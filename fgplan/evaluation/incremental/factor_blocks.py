@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.problem import PastState, PlanningProblem
 from fgplan.models.pose import PLANAR_DIM
 from fgplan.models.relative_pose import RelativePoseSensor
@@ -142,15 +143,15 @@ def observation_rows(
     pose: FloatArray,
     observations: Sequence[Observation],
     variable_of: Callable[[Key], int],
+    lineariser: Lineariser,
 ) -> list[tuple[int, FloatArray, FloatArray]]:
     """Whitened rows of the observations from one state."""
     rows = []
     for seen in observations:
         sensor = problem.sensors[seen.sensor]
         landmark = problem.prior.point(seen.landmark)
-        rows.append(
-            (variable_of(seen.landmark), *sensor.linearise(pose, landmark, seen.covariance))
-        )
+        found = lineariser.rows(sensor, pose, landmark, np.asarray(seen.covariance))
+        rows.append((variable_of(seen.landmark), *found))
     return rows
 
 

@@ -82,6 +82,20 @@ class Interface(NamedTuple):
     cross: FloatArray
 
 
+@njit(cache=True)
+def interface_room(variables: int, slots: int, steps: int, d: int) -> Interface:
+    """Work space for a number of variables, slots and places of a path; ``cross`` is not set."""
+    return Interface(
+        np.full(variables, -1, np.int64),
+        np.empty(slots, np.int64),
+        np.empty(slots, np.int64),
+        np.empty(slots, np.int64),
+        np.empty(slots, np.int64),
+        np.empty((slots, d, d)),
+        np.empty((slots * d, steps * d)),
+    )
+
+
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def gather_factors(
     factors: FactorBlocks,
@@ -204,6 +218,24 @@ def split_pivoted(
                 remaining[a] -= c_out[a, rank] * c_out[a, rank]
         rank += 1
     return rank, sound
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def split_slot(
+    found: Interface, slot: int, width: IntArray, c_out: FloatArray, y_out: FloatArray
+) -> tuple[int, bool, bool]:
+    """D = C C' and Y of one slot; returns (rank, C is a good triangle, no digits lost)."""
+    d = found.information.shape[1]
+    lo, hi = found.low[slot] * d, found.high[slot] * d
+    y_out[:, :] = 0.0
+    c_out[:, :] = 0.0
+    size = width[found.variable[slot]]
+    cross = found.cross[slot * d : slot * d + d]
+    information = found.information[slot]
+    if found.rows[slot] >= size and split_full(information, cross, size, lo, hi, c_out, y_out):
+        return size, True, True
+    rank, fine = split_pivoted(information, cross, size, found.rows[slot], lo, hi, c_out, y_out)
+    return rank, False, fine and rank < size  # full rank, but no well-conditioned triangle
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 
 from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
+from fgplan.evaluation.incremental.linearisations import Linearisations
 from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
-from fgplan.evaluation.incremental.segments import Carried, Segments
+from fgplan.evaluation.incremental.segments import Segments
 from fgplan.evaluation.incremental.universe import InformationBlocks
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath
@@ -39,8 +40,9 @@ class Memory:
         moving: Factors of the own states with announced poses, at the last evaluation.
         pools: Messages that may be used again.
         terms: Shape (N, T), unweighted terms at the last evaluation; NaN where not evaluated.
-        carried: Segment messages of an earlier session, or None.
-        segments: Segments of the candidates, where there is something carried.
+        linearisations: Whitened Jacobians of the candidates' planned observations.
+        segments: Segments of the candidates, from the second planning session on.
+        segments_told: Whether a report has counted them.
     """
 
     problem: PlanningProblem
@@ -58,8 +60,9 @@ class Memory:
     moving: FactorBlocks
     pools: tuple[MessagePool, ...] = ()
     terms: FloatArray | None = None
-    carried: Carried | None = None
+    linearisations: Linearisations
     segments: Segments | None = None
+    segments_told: bool = True
 
     def pieces(self) -> list[InformationBlocks]:
         """Blocks of all factors of the others."""
@@ -71,7 +74,8 @@ class Memory:
         """Memory held for re-use."""
         return (
             sum(pool.bytes for pool in self.pools)
-            + (0 if self.carried is None else self.carried.bytes)
+            + (0 if self.segments is None else self.segments.bytes)
+            + self.linearisations.bytes
             + sum(int(piece.blocks.nbytes) for piece in self.pieces())
             + self.moving.bytes
             + self.fixed.bytes

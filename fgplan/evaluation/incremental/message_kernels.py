@@ -33,14 +33,14 @@ from fgplan.evaluation.incremental.cholesky_kernels import cholesky_skyline, inv
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.evaluation.incremental.interface_kernels import (
     CANCELLATION_LIMIT,
-    Interface,
     gather_factors,
+    interface_room,
     measure_variables,
-    split_full,
-    split_pivoted,
+    split_slot,
 )
 from fgplan.evaluation.incremental.message_pool import MessagePool
-from fgplan.typing import FloatArray, IntArray
+from fgplan.evaluation.incremental.segment_pool import CandidateSegments, SegmentPool
+from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -66,21 +66,64 @@ def _subtract_square(psi: FloatArray, merged: FloatArray, first: IntArray) -> No
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def _motion_information(
-    late: FloatArray, cross: FloatArray, early: FloatArray, length: int
-) -> FloatArray:
-    """Psi of the motion factors alone: block tridiagonal, lower triangle."""
+def _add_motion(
+    late: FloatArray, cross: FloatArray, early: FloatArray, begin: int, psi: FloatArray
+) -> None:
+    """Put the motion factors into the steps from ``begin`` on into Psi, lower triangle."""
     d = late.shape[1]
-    psi = np.zeros((length * d, length * d))
-    for i in range(length):
+    for i in range(begin, psi.shape[0] // d):
         for a in range(d):
             for b in range(d):
-                psi[i * d + a, i * d + b] = late[i, a, b]
-                if i + 1 < length:
-                    psi[i * d + a, i * d + b] += early[i + 1, a, b]
+                psi[i * d + a, i * d + b] += late[i, a, b]
                 if i > 0:
+                    psi[(i - 1) * d + a, (i - 1) * d + b] += early[i, a, b]
                     psi[i * d + a, (i - 1) * d + b] = cross[i, a, b]
-    return psi
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _add_segment(
+    segments: SegmentPool,
+    k: int,
+    begin: int,
+    psi: FloatArray,
+    lost: FloatArray,
+    first: IntArray,
+    merged_rows: FloatArray,
+    square: BoolArray,
+    slots: int,
+    rows: int,
+    pool: MessagePool,
+    n: int,
+) -> tuple[int, int]:
+    """Put segment k, whose first state has place ``begin``, into message n; slots and rows."""
+    d = pool.slot_c.shape[1]
+    q, width = psi.shape[0], (segments.steps[k] + 1) * d
+    offset = (begin - 1) * d  # the pose before it has place 0 in the segment
+    skipped = 0 if begin > 0 else d  # that pose is x_k
+    row = segments.row_pointer[k]
+    for i in range(skipped, width):
+        source = segments.square_pointer[k] + i * width
+        target = psi[offset + i]
+        for j in range(max(skipped, segments.first[row + i]), i + 1):
+            target[offset + j] += segments.information[source + j]
+        lost[offset + i] += segments.lost[row + i]
+        first[offset + i] = min(first[offset + i], offset + max(skipped, segments.first[row + i]))
+    for s in range(segments.slot_pointer[k], segments.slot_pointer[k + 1]):
+        place = pool.slot_pointer[n] + slots
+        rank = segments.slot_rank[s]
+        pool.slot_variable[place] = segments.slot_variable[s]
+        pool.slot_row[place] = rows
+        pool.slot_rank[place] = rank
+        pool.slot_c[place] = segments.slot_c[s]
+        square[slots] = segments.slot_square[s]
+        source = segments.merged_pointer[k] + (s - segments.slot_pointer[k]) * d * width
+        for r in range(rank):
+            merged_rows[rows + r, :q] = 0.0
+            for j in range(d, width):
+                merged_rows[rows + r, offset + j] = segments.merged[source + r * width + j]
+        slots += 1
+        rows += rank
+    return slots, rows
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -90,6 +133,8 @@ def build_messages(
     motion: MotionBlocks,
     fixed: FactorBlocks,
     moving: FactorBlocks,
+    consists_of: CandidateSegments,
+    segments: SegmentPool,
     column: IntArray,
     width: IntArray,
     read_steps: IntArray,
@@ -103,6 +148,8 @@ def build_messages(
         motion: Blocks of the motion factors, by candidate and step.
         fixed: Factors of the own states that do not depend on announcements.
         moving: Factors of the own states with announced poses.
+        consists_of: Segments of each candidate, from its first state on; perhaps not all of it.
+        segments: What those say; the rest is taken from ``motion`` and ``fixed``.
         column: Shape (V,), first scalar of each variable in S or -1 where the cut leaves it out.
         width: Shape (V,), tangent dimension of each variable.
         read_steps: Shape (n, p), steps (1 and up) of own poses that are read.
@@ -114,72 +161,56 @@ def build_messages(
     for n in range(lengths.shape[0]):
         longest = max(longest, lengths[n])
         most = max(most, pool.slot_pointer[n + 1] - pool.slot_pointer[n])
-    found = Interface(
-        np.full(column.shape[0], -1, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty((most, d, d)),
-        np.empty((most * d, longest * d)),
-    )
+    found = interface_room(column.shape[0], most, longest, d)
     merged_rows = np.empty((most * d, longest * d))
     square = np.empty(most, np.bool_)
     for n in range(lengths.shape[0]):
         c = pool.candidates[n]
         length = lengths[n]
         q = length * d
-        psi = _motion_information(motion.late[c], motion.cross[c], motion.early[c], length)
-        count = 0
-        for i in range(length):
-            count = gather_factors(fixed, states[c, i], i, column, found, count, psi)
-            count = gather_factors(moving, states[c, i], i, column, found, count, psi)
-        before = np.empty(q)
+        psi = np.zeros((q, q))
+        before = np.zeros(q)
         first = np.empty(q, np.int64)
         for i in range(q):
-            before[i] = psi[i, i]
             first[i] = max((i // d - 1) * d, 0)
         good = True
-        total = 0
+        begin = slots = total = 0
+        for g in range(consists_of.pointer[c], consists_of.pointer[c + 1]):
+            if consists_of.end[g] > length:
+                break
+            k = consists_of.number[g]
+            slots, total = _add_segment(
+                segments, k, begin, psi, before, first, merged_rows, square, slots, total, pool, n
+            )
+            good = good and segments.sound[k] == 1
+            begin = consists_of.end[g]
+        _add_motion(motion.late[c], motion.cross[c], motion.early[c], begin, psi)
+        count = 0
+        for i in range(length):
+            if i >= begin:
+                count = gather_factors(fixed, states[c, i], i, column, found, count, psi)
+            count = gather_factors(moving, states[c, i], i, column, found, count, psi)
+        for i in range(q):
+            before[i] += psi[i, i]
+        own = total
         for slot in range(count):
             lo, hi = found.low[slot] * d, found.high[slot] * d
             for i in range(lo, hi):
                 first[i] = min(first[i], lo)
-            place = pool.slot_pointer[n] + slot
-            merged_rows[total : total + d, :q] = 0.0
-            pool.slot_c[place, :, :] = 0.0
-            size = width[found.variable[slot]]
-            rank, fine = size, True
-            square[slot] = found.rows[slot] >= size and split_full(
-                found.information[slot],
-                found.cross[slot * d : slot * d + d],
-                size,
-                lo,
-                hi,
-                pool.slot_c[place],
-                merged_rows[total : total + d],
+            place = pool.slot_pointer[n] + slots
+            rank, square[slots], fine = split_slot(
+                found, slot, width, pool.slot_c[place], merged_rows[total : total + d, :q]
             )
-            if not square[slot]:
-                rank, fine = split_pivoted(
-                    found.information[slot],
-                    found.cross[slot * d : slot * d + d],
-                    size,
-                    found.rows[slot],
-                    lo,
-                    hi,
-                    pool.slot_c[place],
-                    merged_rows[total : total + d],
-                )
-                fine = fine and rank < size  # full rank, but no well-conditioned triangle
             good = good and fine
             pool.slot_variable[place] = found.variable[slot]
             pool.slot_row[place] = total
             pool.slot_rank[place] = rank
             found.slot_of[found.variable[slot]] = -1
+            slots += 1
             total += rank
         pool.row_count[n] = total
         merged = merged_rows[:total, :q].copy()
-        _subtract_square(psi, merged, first)
+        _subtract_square(psi, merged[own:], first)
         pool.sound[n] = 0
         if not cholesky_skyline(psi, first):
             continue
@@ -189,7 +220,7 @@ def build_messages(
         pool.sound[n] = 1 if good else 0
         inverse = inverse_skyline(psi, first)
         z = np.dot(merged, inverse.T)
-        for slot in range(count):
+        for slot in range(slots):
             place = pool.slot_pointer[n] + slot
             measure_variables(
                 pool.slot_c[place],

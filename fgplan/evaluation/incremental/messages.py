@@ -5,76 +5,23 @@ Once an announcement: the factors with announced poses, the messages of the cand
 changed factor, and the final solve. What a message is, ``message_kernels`` says.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from fgplan.evaluation.incremental.candidate_table import MotionBlocks
+from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.evaluation.incremental.message_pool import MessagePool
+from fgplan.evaluation.incremental.segment_pool import no_segments
+from fgplan.evaluation.incremental.segments import Segments
 from fgplan.evaluation.incremental.universe import Universe
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
-class Chains(NamedTuple):
-    """Paths or pieces of paths, each hanging on the pose before its first state.
-
-    Attributes:
-        states: Shape (N, Lmax), own state of each path and step.
-        motion: Blocks of the motion factors, each of shape (N, Lmax, d, d).
-    """
-
-    states: IntArray
-    motion: MotionBlocks
-
-
-def empty_pool(
-    candidates: IntArray, slots: IntArray, rows: IntArray, dim: int, read: int
-) -> MessagePool:
-    """Room for messages.
-
-    Args:
-        candidates: Shape (n,), whose message is to stand at each place.
-        slots: Shape (n,), slots of each.
-        rows: Shape (n,), most rows of each.
-        dim: Tangent dimension d of a pose.
-        read: Scalars of own poses that are read.
-
-    Returns:
-        A pool whose pointers are set.
-    """
-    size = len(candidates)
-    slot_pointer, noise_pointer, row_pointer = (np.zeros(size + 1, np.int64) for _ in range(3))
-    np.cumsum(slots, out=slot_pointer[1:])
-    np.cumsum(rows**2, out=noise_pointer[1:])
-    np.cumsum(rows, out=row_pointer[1:])
-    all_slots, all_rows = int(slot_pointer[-1]), int(row_pointer[-1])
-    return MessagePool(
-        candidates=candidates,
-        live=np.ones(size, bool),
-        slot_pointer=slot_pointer,
-        noise_pointer=noise_pointer,
-        row_pointer=row_pointer,
-        slot_variable=np.empty(all_slots, np.int64),
-        slot_row=np.empty(all_slots, np.int64),
-        slot_rank=np.empty(all_slots, np.int64),
-        slot_c=np.empty((all_slots, dim, dim)),
-        noise=np.empty(int(noise_pointer[-1])),
-        response=np.empty((all_rows, dim)),
-        read_noise=np.empty((all_rows, read)),
-        read_response=np.empty((size, read, dim)),
-        read_covariance=np.empty((size, read, read)),
-        row_count=np.zeros(size, np.int64),
-        sound=np.zeros(size, np.int64),
-    )
-
-
 def build(
-    chains: Chains,
+    table: CandidateTable,
     fixed: FactorBlocks,
     moving: FactorBlocks,
-    column: IntArray,
-    width: IntArray,
+    segments: Segments | None,
+    universe: Universe,
     candidates: IntArray,
     lengths: IntArray,
     read_steps: IntArray,
@@ -82,11 +29,11 @@ def build(
     """Build messages.
 
     Args:
-        chains: Candidates of the robot, or pieces of them.
+        table: Candidates of the robot.
         fixed: Factors of the distinct own states with landmarks and past poses.
         moving: Factors with announced poses.
-        column: Shape (V,), first scalar of each variable, -1 where it does not take part.
-        width: Shape (V,), tangent dimension of each variable.
+        segments: What segments of the candidates say, if it is known.
+        universe: Says which variables take part.
         candidates: Shape (n,), indices of candidates.
         lengths: Shape (n,), steps of each up to the cut.
         read_steps: Shape (n, p), steps of own poses that are read.
@@ -97,17 +44,45 @@ def build(
     from fgplan.evaluation.incremental.interface_kernels import count_interface
     from fgplan.evaluation.incremental.message_kernels import build_messages
 
-    dim = chains.motion.late.shape[2]
-    counts = count_interface(candidates, lengths, chains.states, fixed, moving, column)
-    pool = empty_pool(candidates, counts, counts * dim, dim, read_steps.shape[1] * dim)
+    dim = table.motion.late.shape[2]
+    counts = count_interface(candidates, lengths, table.states, fixed, moving, universe.column)
+    size, read = len(candidates), read_steps.shape[1] * dim
+    slot_pointer, noise_pointer, row_pointer = (np.zeros(size + 1, np.int64) for _ in range(3))
+    np.cumsum(counts, out=slot_pointer[1:])
+    np.cumsum((counts * dim) ** 2, out=noise_pointer[1:])
+    np.cumsum(counts * dim, out=row_pointer[1:])
+    slots, rows = int(slot_pointer[-1]), int(row_pointer[-1])
+    pool = MessagePool(
+        candidates=candidates,
+        live=np.ones(size, bool),
+        slot_pointer=slot_pointer,
+        noise_pointer=noise_pointer,
+        row_pointer=row_pointer,
+        slot_variable=np.empty(slots, np.int64),
+        slot_row=np.empty(slots, np.int64),
+        slot_rank=np.empty(slots, np.int64),
+        slot_c=np.empty((slots, dim, dim)),
+        noise=np.empty(int(noise_pointer[-1])),
+        response=np.empty((rows, dim)),
+        read_noise=np.empty((rows, read)),
+        read_response=np.empty((size, read, dim)),
+        read_covariance=np.empty((size, read, read)),
+        row_count=np.zeros(size, np.int64),
+        sound=np.zeros(size, np.int64),
+    )
+    consists_of, known = no_segments(len(table.paths), dim)
+    if segments is not None:
+        consists_of, known = segments.consists_of, segments.pool
     build_messages(
         lengths,
-        chains.states,
-        chains.motion,
+        table.states,
+        table.motion,
         fixed,
         moving,
-        column,
-        width,
+        consists_of,
+        known,
+        universe.column,
+        universe.width,
         read_steps,
         pool,
     )

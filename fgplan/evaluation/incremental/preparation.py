@@ -13,17 +13,23 @@ import numpy as np
 from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.evaluation.incremental.candidate_table import CandidateTable, tabulate
 from fgplan.evaluation.incremental.factor_blocks import no_blocks
+from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import eliminate_history, needed_keys, restrict
-from fgplan.evaluation.incremental.segments import Carried, find_segments
+from fgplan.evaluation.incremental.segments import (
+    Carried,
+    Segments,
+    carry_segments,
+    hold_segments,
+)
 from fgplan.evaluation.incremental.turn import (
     factors_with_announced,
     own_states,
     touched_keys,
     with_keys,
 )
-from fgplan.evaluation.incremental.universe import fixed_blocks
+from fgplan.evaluation.incremental.universe import fixed_blocks, widths
 from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.evaluation.term_values import prior_covariances
@@ -39,30 +45,40 @@ def prepare(
     robot: str,
     candidates: Sequence[CandidatePath],
     carried: Carried | None,
+    memory_bytes: int,
 ) -> Memory:
     """Memory before the first announcement, see ``Incremental.start``."""
     table = _tabulated(problem, robot, candidates)
     touched = _touched(problem, table)
     wide = eliminate_history(problem, touched)
     numbering = Numbering(problem.robots, FIRST_CAPACITY, needed_keys(problem, touched))
-    fixed = fixed_blocks(problem, numbering, own_states(problem, table), table.observations)
-    return Memory(
+    lineariser = Lineariser(None if carried is None else carried.linearisations)
+    own = own_states(problem, table)
+    memory = Memory(
         problem=problem,
         robot=robot,
         table=table,
         wide=wide,
         numbering=numbering,
         prior=restrict(wide, numbering.prior_keys),
-        fixed=fixed,
+        fixed=fixed_blocks(problem, numbering, own, table.observations, lineariser),
         prior_blocks=prior_covariances(problem),
         path_terms=_path_terms(problem, robot, candidates),
         moving=no_blocks(len(table.poses), problem.dim),
-        carried=carried,
-        segments=None if carried is None else find_segments(table, fixed, numbering, carried),
+        linearisations=lineariser.linearisations(),
     )
+    return memory if carried is None else _with_segments(memory, carried, memory_bytes)
 
 
-def exchange(memory: Memory, kept: Sequence[int], new: Sequence[CandidatePath]) -> Memory:
+def carry(memory: Memory, memory_bytes: int) -> Carried:
+    """What the next session may use, see ``Incremental.carry``."""
+    segments = memory.segments or _segments(memory, None)
+    return carry_segments(segments, memory.numbering, memory.linearisations, memory_bytes)
+
+
+def exchange(
+    memory: Memory, kept: Sequence[int], new: Sequence[CandidatePath], memory_bytes: int
+) -> Memory:
     """Memory for other candidates under the same prior, see ``Incremental.replace_candidates``."""
     problem, size = memory.problem, len(memory.table.paths)
     places = np.array(kept, np.int64)
@@ -74,16 +90,16 @@ def exchange(memory: Memory, kept: Sequence[int], new: Sequence[CandidatePath]) 
     candidates = [*(memory.table.paths[place] for place in places.tolist()), *new]
     table = _tabulated(problem, memory.robot, candidates)
     grown = with_keys(memory, _touched(problem, table))
-    fixed = fixed_blocks(problem, grown.numbering, own_states(problem, table), table.observations)
+    lineariser, own = Lineariser(memory.linearisations), own_states(problem, table)
     after = replace(
         grown,
         table=table,
-        fixed=fixed,
+        fixed=fixed_blocks(problem, grown.numbering, own, table.observations, lineariser),
+        linearisations=lineariser.linearisations(),
         path_terms=_path_terms(problem, memory.robot, candidates),
-        segments=None
-        if memory.carried is None
-        else find_segments(table, fixed, grown.numbering, memory.carried),
     )
+    if memory.segments is not None:
+        after = _with_segments(after, carry(memory, memory_bytes), memory_bytes)
     number = np.full(size, -1, np.int64)
     number[places] = np.arange(len(places))
     pools = []
@@ -100,6 +116,20 @@ def exchange(memory: Memory, kept: Sequence[int], new: Sequence[CandidatePath]) 
         pools=tuple(pools),
         terms=terms,
     )
+
+
+def _segments(memory: Memory, carried: Carried | None) -> Segments:
+    """Segments of the candidates."""
+    width = widths(memory.problem.dim, memory.numbering, memory.prior)
+    return hold_segments(memory.table, memory.fixed, memory.numbering, width, carried)
+
+
+def _with_segments(memory: Memory, carried: Carried, memory_bytes: int) -> Memory:
+    """Memory with the segments of its candidates, unless they are too large to be kept."""
+    segments = _segments(memory, carried)
+    if segments.bytes > memory_bytes:
+        return replace(memory, segments=None)
+    return replace(memory, segments=segments, segments_told=False)
 
 
 def _tabulated(

@@ -1,54 +1,49 @@
-"""Compiled: where a path may be cut, and how the messages of its pieces make the message of it all.
+"""Compiled: where candidate paths are cut into segments, and the messages of those.
 
-A segment is a piece of path that hangs on its start pose, with its last pose as the pose that is
-read; its message is (N, T, Theta, G, E) of ``message_kernels``. A second segment that hangs on the
-last pose of a first one only adds:
-
-    x_mid = Theta1 x_k + n1,  cov(n1) = E1,  cov(e1, n1) = G1'
-    T = [T1; T2 Theta1],  Theta = Theta2 Theta1,  E = E2 + Theta2 E1 Theta2'
-    N = [N1, G1'T2'; ., N2 + T2 E1 T2'],  G' = [G1'Theta2'; G2' + T2 E1 Theta2']
-
-Nothing is subtracted. The rows are those of building the path whole if no interface variable is
-touched from both sides of the cut; only there is a path cut.
+What such a message is, ``segment_pool`` says. A path is cut only where no landmark or past pose is
+touched from both sides, so every variable is merged within one segment, and a path put together
+from its segments has the rows of a path built whole.
 """
 
 import numpy as np
 from numba import njit
 
+from fgplan.evaluation.incremental.candidate_table import MotionBlocks
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
-from fgplan.evaluation.incremental.message_pool import MessagePool
-from fgplan.typing import BoolArray, FloatArray, IntArray
+from fgplan.evaluation.incremental.interface_kernels import (
+    Interface,
+    gather_factors,
+    interface_room,
+    split_slot,
+)
+from fgplan.evaluation.incremental.segment_pool import SegmentPool
+from fgplan.typing import BoolArray, IntArray
 
 
 @njit(cache=True)
-def boundaries(
-    candidates: IntArray, lengths: IntArray, states: IntArray, factors: FactorBlocks, size: int
-) -> tuple[BoolArray, BoolArray]:
-    """Where factors stand on some candidates, and where their variables forbid a cut.
+def crossed_boundaries(
+    lengths: IntArray, states: IntArray, factors: FactorBlocks, size: int
+) -> BoolArray:
+    """Where a path must not be cut.
 
     Args:
-        candidates: Shape (n,), indices of candidates.
-        lengths: Shape (n,), steps of each.
+        lengths: Shape (N,), steps of each candidate.
         states: Shape (N, Lmax), own state of each candidate and step.
-        factors: Factors of the own states.
+        factors: Factors of the own states that do not depend on announcements.
         size: Number of variables V.
 
     Returns:
-        Shape (n, Lmax), whether each state has a factor; and the same shape, whether a variable is
-        touched both before that state and from it on.
+        Shape (N, Lmax), whether a variable is touched both before each state and from it on.
     """
-    count, longest = candidates.shape[0], states.shape[1]
-    holds = np.zeros((count, longest), np.bool_)
-    crossed = np.zeros((count, longest), np.bool_)
+    crossed = np.zeros(states.shape, np.bool_)
     met_by = np.full(size, -1, np.int64)
     low, high, met = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64)
-    for n in range(count):
+    for n in range(lengths.shape[0]):
         found = 0
         for i in range(lengths[n]):
-            s = states[candidates[n], i]
+            s = states[n, i]
             for m in range(factors.pointer[s], factors.pointer[s + 1]):
                 v = factors.variable[m]
-                holds[n, i] = True
                 if met_by[v] != n:
                     met_by[v] = n
                     low[v] = i
@@ -58,122 +53,115 @@ def boundaries(
         for k in range(found):
             for i in range(low[met[k]] + 1, high[met[k]] + 1):
                 crossed[n, i] = True
-    return holds, crossed
-
-
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def _append(
-    segment: MessagePool,
-    at: int,
-    out: MessagePool,
-    n: int,
-    slots: int,
-    rows: int,
-    theta: FloatArray,
-    spread: FloatArray,
-    seen: FloatArray,
-) -> None:
-    """Append a segment's rows to message n; theta, spread and seen (G') go on to its last pose."""
-    d = theta.shape[0]
-    total = out.row_count[n]
-    more, base = segment.row_count[at], segment.row_pointer[at]
-    noise, noise_out = segment.noise_pointer[at], out.noise_pointer[n]
-    response = segment.response[base : base + more]
-    onward = segment.read_response[at]
-    carry = np.zeros((more, d))
-    for a in range(more):
-        for i in range(d):
-            moved = 0.0
-            for k in range(d):
-                moved += response[a, k] * theta[k, i]
-                carry[a, i] += response[a, k] * spread[k, i]
-            out.response[out.row_pointer[n] + rows + a, i] = moved
-        into = noise_out + (rows + a) * total
-        for b in range(rows):
-            entry = 0.0
-            for k in range(d):
-                entry += response[a, k] * seen[b, k]
-            out.noise[into + b] = entry
-        for b in range(a + 1):
-            entry = segment.noise[noise + a * more + b]
-            for k in range(d):
-                entry += carry[a, k] * response[b, k]
-            out.noise[into + rows + b] = entry
-    fresh = np.empty(d)
-    for b in range(rows):
-        for i in range(d):
-            fresh[i] = 0.0
-            for k in range(d):
-                fresh[i] += onward[i, k] * seen[b, k]
-        seen[b, :] = fresh
-    for a in range(more):
-        for i in range(d):
-            entry = segment.read_noise[base + a, i]
-            for k in range(d):
-                entry += carry[a, k] * onward[i, k]
-            seen[rows + a, i] = entry
-    half = np.zeros((d, d))
-    new_theta = np.zeros((d, d))
-    for i in range(d):
-        for j in range(d):
-            for k in range(d):
-                new_theta[i, j] += onward[i, k] * theta[k, j]
-                half[i, j] += onward[i, k] * spread[k, j]
-    theta[:, :] = new_theta
-    for i in range(d):
-        for j in range(d):
-            entry = segment.read_covariance[at, i, j]
-            for k in range(d):
-                entry += half[i, k] * onward[j, k]
-            spread[i, j] = entry
-    first, first_out = segment.slot_pointer[at], out.slot_pointer[n] + slots
-    for k in range(segment.slot_pointer[at + 1] - first):
-        out.slot_variable[first_out + k] = segment.slot_variable[first + k]
-        out.slot_row[first_out + k] = segment.slot_row[first + k] + rows
-        out.slot_rank[first_out + k] = segment.slot_rank[first + k]
-        out.slot_c[first_out + k] = segment.slot_c[first + k]
-    if segment.sound[at] == 0:
-        out.sound[n] = 0
+    return crossed
 
 
 @njit(cache=True)
-def compose_messages(
-    pointer: IntArray,
-    kept: BoolArray,
-    place: IntArray,
-    carried: MessagePool,
-    built: MessagePool,
-    out: MessagePool,
+def count_slots(
+    candidate: IntArray,
+    begin: IntArray,
+    end: IntArray,
+    states: IntArray,
+    factors: FactorBlocks,
+    size: int,
+) -> IntArray:
+    """Distinct variables that each segment touches, shape (M,); arguments as below."""
+    seen = np.full(size, -1, np.int64)
+    counts = np.zeros(candidate.shape[0], np.int64)
+    for k in range(candidate.shape[0]):
+        for i in range(begin[k], end[k]):
+            s = states[candidate[k], i]
+            for m in range(factors.pointer[s], factors.pointer[s + 1]):
+                if seen[factors.variable[m]] != k:
+                    seen[factors.variable[m]] = k
+                    counts[k] += 1
+    return counts
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def build_segments(
+    candidate: IntArray,
+    begin: IntArray,
+    end: IntArray,
+    states: IntArray,
+    motion: MotionBlocks,
+    factors: FactorBlocks,
+    width: IntArray,
+    pool: SegmentPool,
 ) -> None:
-    """Compose messages of segments that follow on each other.
+    """Build the messages of some segments into a pool whose pointers are set.
 
     Args:
-        pointer: Shape (n + 1,), where the segments of each message begin.
-        kept: Shape (S,), whether each segment is in ``carried``; otherwise it is in ``built``.
-        place: Shape (S,), its place there.
-        carried: Messages that read the last pose.
-        built: Messages that read the last pose.
-        out: In: candidates, pointers and row counts. Out: all the rest.
+        candidate: Shape (M,), a candidate that each segment is part of.
+        begin: Shape (M,), place of its first state, from 0.
+        end: Shape (M,), one beyond the last.
+        states: Shape (N, Lmax), own state of each candidate and step.
+        motion: Blocks of the motion factors, by candidate and step.
+        factors: Factors of the own states that do not depend on announcements.
+        width: Shape (V,), tangent dimension of each variable.
+        pool: In: steps and pointers. Out: all the rest.
     """
-    d = out.response.shape[1]
-    most = 0
-    for n in range(out.row_count.shape[0]):
-        most = max(most, out.row_count[n])
-    seen = np.empty((most, d))
-    theta, spread = np.empty((d, d)), np.empty((d, d))
-    for n in range(pointer.shape[0] - 1):
-        theta[:, :] = np.eye(d)
-        spread[:, :] = 0.0
-        out.sound[n] = 1
-        slots = rows = 0
-        for p in range(pointer[n], pointer[n + 1]):
-            segment = carried if kept[p] else built
-            at = place[p]
-            _append(segment, at, out, n, slots, rows, theta, spread, seen)
-            slots += segment.slot_pointer[at + 1] - segment.slot_pointer[at]
-            rows += segment.row_count[at]
-        if out.read_covariance.shape[1] == d:
-            base = out.row_pointer[n]
-            out.read_noise[base : base + rows] = seen[:rows]
-            out.read_response[n] = theta
-            out.read_covariance[n] = spread
+    d = motion.late.shape[2]
+    longest, most = 0, 1
+    for k in range(candidate.shape[0]):
+        longest = max(longest, pool.steps[k] + 1)
+        most = max(most, pool.slot_pointer[k + 1] - pool.slot_pointer[k])
+    found = interface_room(width.shape[0], most, longest, d)
+    for k in range(candidate.shape[0]):
+        _build_segment(
+            k, candidate[k], begin[k], end[k], states, motion, factors, width, found, pool
+        )
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _build_segment(
+    k: int,
+    c: int,
+    begin: int,
+    end: int,
+    states: IntArray,
+    motion: MotionBlocks,
+    factors: FactorBlocks,
+    width: IntArray,
+    found: Interface,
+    pool: SegmentPool,
+) -> None:
+    """Build one message; the pose before the segment has place 0."""
+    d = motion.late.shape[2]
+    q = (end - begin + 1) * d
+    at = pool.square_pointer[k]
+    psi = pool.information[at : at + q * q].reshape((q, q))
+    first = pool.first[pool.row_pointer[k] : pool.row_pointer[k] + q]
+    lost = pool.lost[pool.row_pointer[k] : pool.row_pointer[k] + q]
+    count = 0
+    for i in range(1, end - begin + 1):
+        step = begin + i - 1
+        for a in range(d):
+            for b in range(d):
+                psi[(i - 1) * d + a, (i - 1) * d + b] += motion.early[c, step, a, b]
+                psi[i * d + a, (i - 1) * d + b] = motion.cross[c, step, a, b]
+                psi[i * d + a, i * d + b] += motion.late[c, step, a, b]
+            first[i * d + a] = (i - 1) * d
+        count = gather_factors(factors, states[c, step], i, width, found, count, psi)
+    pool.sound[k] = 1
+    for slot in range(count):
+        lo, hi = found.low[slot] * d, found.high[slot] * d
+        place = pool.slot_pointer[k] + slot
+        at = pool.merged_pointer[k] + slot * d * q
+        merged = pool.merged[at : at + d * q].reshape((d, q))
+        rank, square, fine = split_slot(found, slot, width, pool.slot_c[place], merged)
+        pool.slot_variable[place] = found.variable[slot]
+        pool.slot_rank[place] = rank
+        pool.slot_square[place] = square
+        found.slot_of[found.variable[slot]] = -1
+        if not fine:
+            pool.sound[k] = 0
+        for i in range(lo, hi):
+            first[i] = min(first[i], lo)
+        for r in range(rank):
+            row = merged[r]
+            for i in range(lo, hi):
+                value = row[i]
+                lost[i] += value * value
+                for j in range(lo, i + 1):
+                    psi[i, j] -= value * row[j]

@@ -25,6 +25,7 @@ from fgplan.evaluation.incremental.factor_blocks import (
     stack_rows,
     states_of,
 )
+from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
@@ -74,7 +75,7 @@ def path_blocks(
     seen: list[list[Observation]] = [[] for _ in range(path.steps)]
     for observation in path.observations:
         seen[observation.step - 1].append(observation)
-    fixed = fixed_blocks(problem, numbering, states_of(problem, [path]), seen)
+    fixed = fixed_blocks(problem, numbering, states_of(problem, [path]), seen, Lineariser())
     row, column, needed, blocks = _of_factors(fixed, number)
     return InformationBlocks(
         np.concatenate([number, number, before, row]),
@@ -89,6 +90,7 @@ def fixed_blocks(
     numbering: Numbering,
     own: StateSet,
     observations: Sequence[Sequence[Observation]],
+    lineariser: Lineariser,
 ) -> FactorBlocks:
     """Factors of some states that do not depend on announcements: landmarks and past poses.
 
@@ -97,6 +99,7 @@ def fixed_blocks(
         numbering: Numbers of variables.
         own: A states of one robot.
         observations: Planned observations of landmarks from each.
+        lineariser: Linearises them.
 
     Returns:
         The table over the A states.
@@ -106,7 +109,7 @@ def fixed_blocks(
         tables.append(
             stack_rows(
                 [
-                    observation_rows(problem, pose, seen, numbering.prior)
+                    observation_rows(problem, pose, seen, numbering.prior, lineariser)
                     for pose, seen in zip(own.poses, observations, strict=True)
                 ],
                 problem.dim,

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from fgplan.evaluation.incremental.factor_blocks import joint_rows, observation_rows
+from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.problem import PlanningProblem
@@ -69,7 +70,7 @@ def path_rows(
         for p in problem.past_states
         if p.state.robot != path.robot and p.key in numbering.prior_keys
     ]
-    order = problem.robots.index(path.robot)
+    order, lineariser = problem.robots.index(path.robot), Lineariser()
     for step in range(1, path.steps + 1):
         if at[step] < 0:
             break
@@ -78,7 +79,7 @@ def path_rows(
         by_old = -weight @ adjoint(between(after, before))
         factors.append([(at[step - 1], by_old), (at[step], weight)])
         seen = [o for o in path.observations if o.step == step]
-        rows = observation_rows(problem, path.poses[step], seen, numbering.prior)
+        rows = observation_rows(problem, path.poses[step], seen, numbering.prior, lineariser)
         factors += [[(at[step], own), (int(column[v]), other)] for v, own, other in rows]
         state = path.state(step)
         for p in past:
