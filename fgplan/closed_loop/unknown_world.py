@@ -37,26 +37,26 @@ LANDMARKS = 200
 SENSOR = "camera"
 SENSOR_RANGE_M = 300.0
 CRITERION_M = 300.0
-FIELD_OF_VIEW_RAD = float(np.radians(180.0))
-BEARING_SIGMA_RAD, RANGE_SIGMA_M = float(np.radians(1.0)), 3.0
+FIELD_OF_VIEW_RAD = float(np.radians(240.0))
+BEARING_SIGMA_RAD, RANGE_SIGMA_M = float(np.radians(0.5)), 2.0
 STEP_M = 100.0
 ODOMETRY_SIGMAS = (2.0, 2.0, 0.02)
-PLANNED_SIGMAS = (1.0, 1.0, 0.004)
-MEETING_SIGMAS = (2.0, 2.0, 0.01)
+PLANNED_SIGMAS = (1.0, 1.0, 0.005)
+MEETING_SIGMAS = (5.0, 5.0, 0.05)
 START_SIGMAS = (1e-6, 1e-6, 1e-6)
 LARGE_SIGMAS = (20.0, 20.0, 0.05)
 LARGE = ("red", "green")
 STARTS = {
-    "red": (250.0, 150.0),
-    "green": (750.0, 150.0),
-    "blue": (1250.0, 150.0),
-    "purple": (1750.0, 150.0),
+    "red": (100.0, 150.0),
+    "green": (700.0, 150.0),
+    "blue": (1300.0, 150.0),
+    "purple": (1900.0, 150.0),
 }
 GOALS = {
-    "red": ((400.0, 1000.0), (250.0, 1950.0), (650.0, 500.0)),
-    "green": ((700.0, 1000.0), (950.0, 1950.0), (350.0, 600.0)),
-    "blue": ((1300.0, 1000.0), (1050.0, 2050.0), (1600.0, 500.0)),
-    "purple": ((1600.0, 1000.0), (1750.0, 2000.0), (1300.0, 500.0)),
+    "red": ((100.0, 1150.0), (150.0, 2250.0), (600.0, 600.0)),
+    "green": ((700.0, 1100.0), (700.0, 2300.0), (150.0, 650.0)),
+    "blue": ((1300.0, 1050.0), (1300.0, 2200.0), (1850.0, 600.0)),
+    "purple": ((1900.0, 1150.0), (1850.0, 2250.0), (1400.0, 650.0)),
 }
 """Metres, world frame."""
 
