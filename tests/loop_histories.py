@@ -246,8 +246,8 @@ def _plan(made, number, renewed, leg, candidates):
         )
         for name, seconds, share in (
             ("incremental", 0.08 * number, 0.4),
-            ("from_scratch_fastest", 0.4 * slow, float("nan")),
-            ("from_scratch", slow, float("nan")),
+            ("from_scratch_fastest", 0.4 * slow, None),
+            ("from_scratch", slow, None),
         )
     }
     made.sessions.append(

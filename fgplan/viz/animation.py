@@ -107,6 +107,15 @@ def film_moments(history: LoopHistory, *, frames: int, hold: int) -> tuple[Momen
     return (*moments, *[moments[-1]] * (4 * hold))
 
 
+def _frames(scene: LoopScene, moments: tuple[Moment, ...]) -> Iterator[Any]:
+    """Pixels of each moment; one that is held is drawn once."""
+    before, pixels = None, None
+    for moment in moments:
+        if moment != before:
+            before, pixels = moment, scene.pixels(moment)
+        yield pixels
+
+
 def _write_gif(scene: LoopScene, moments: tuple[Moment, ...], path: Path, fps: float) -> None:
     """Write frames with one palette made from the first, the middle and the last."""
     image = importlib.import_module("PIL.Image")
@@ -115,9 +124,8 @@ def _write_gif(scene: LoopScene, moments: tuple[Moment, ...], path: Path, fps: f
     palette = _palette(image, np.concatenate(samples).reshape(-1, 3))
 
     def quantized() -> Iterator[Any]:
-        for moment in moments:
-            frame = image.fromarray(scene.pixels(moment))
-            yield frame.quantize(palette=palette, dither=image.Dither.NONE)
+        for pixels in _frames(scene, moments):
+            yield image.fromarray(pixels).quantize(palette=palette, dither=image.Dither.NONE)
 
     rest = quantized()
     next(rest).save(
@@ -164,8 +172,8 @@ def _write_mp4(
         assert log is not None
         # A broken pipe: ffmpeg has given up, and its message follows.
         with contextlib.suppress(BrokenPipeError):
-            for moment in moments:
-                pipe.write(scene.pixels(moment)[:height, :width].tobytes())
+            for pixels in _frames(scene, moments):
+                pipe.write(pixels[:height, :width].tobytes())
             pipe.close()
         said = log.read().decode(errors="replace").strip()
     if process.returncode != 0:

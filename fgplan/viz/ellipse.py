@@ -14,7 +14,7 @@ from fgplan.typing import ArrayLike, FloatArray
 
 _CORNERS = 48
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-_VISIBLE = 0.012
+_VISIBLE = 0.02
 """Half axis of the largest ellipse as a share of the map's longer side, if it is to be seen."""
 
 

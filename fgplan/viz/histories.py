@@ -167,16 +167,17 @@ def covariance_over_time_figure(
     for number, when in (sessions or {}).items():
         axes.axvline(when, color="#A0A0A0", ls=":", lw=1.2)
         axes.annotate(
-            f"session {number}",
+            str(number),
             (when, 1.0),
-            (3, -3),
+            (0, 3),
             xycoords=("data", "axes fraction"),
             textcoords="offset points",
-            va="top",
-            rotation=90,
+            ha="center",
             fontsize=8,
             color="#606060",
         )
+    if sessions:
+        axes.plot([], [], color="#A0A0A0", ls=":", lw=1.2, label="planning session (number above)")
     for robot, given in traces.items():
         curve = check_finite(given, f"traces of robot {robot!r}", (times.size,))
         if (curve < 0).any():
@@ -197,8 +198,11 @@ def covariance_over_time_figure(
     right = axes.secondary_yaxis("right", functions=(_signed_root, _signed_square))
     right.set_ylabel("square root of it (m)")
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=8, frameon=False)
-    axes.set_title(title, fontsize=14)
+    # Robots first, in the order of the team.
+    order = sorted(range(len(labels)), key=lambda place: labels[place] not in traces)
+    handles, labels = [handles[place] for place in order], [labels[place] for place in order]
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+    axes.set_title(title, fontsize=14, pad=18 if sessions else 6)
     return figure
 
 

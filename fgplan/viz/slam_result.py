@@ -65,7 +65,7 @@ def slam_result_figure(
         extent: What the map shows; None takes the workspace or all that is drawn.
         sigmas: Size of the ellipses in standard deviations.
         magnification: Ellipses are drawn so much larger; None picks a round factor at which the
-            largest shows.
+            largest shows, one for robots and one for landmarks.
         title: Title of the figure.
 
     Returns:
@@ -93,10 +93,14 @@ def slam_result_figure(
     spreads = spreads.reshape(-1, 2, 2)
     if extent is None:
         extent = map_extent(workspace, [*lines.values(), *true_lines.values(), points])
+    span = float((extent[1] - extent[0]).max())
+    every = np.concatenate(list(blocks.values()))
+    # Landmarks may be far less certain than robots: each kind has a factor of its own.
     if magnification is None:
-        every = np.concatenate([*blocks.values(), spreads])
-        magnification = magnification_to_see(every, sigmas, float((extent[1] - extent[0]).max()))
-    check_positive(magnification, "figure magnification")
+        larger: float = magnification_to_see(every, sigmas, span)
+        larger_landmarks: float = magnification_to_see(spreads, sigmas, span)
+    else:
+        larger = larger_landmarks = check_positive(magnification, "figure magnification")
     picture = MapPicture(extent)
     axes = picture.axes[0]
     for robot, line in lines.items():
@@ -111,9 +115,11 @@ def slam_result_figure(
     for robot, each in blocks.items():
         some = _some(len(each))
         where, color = lines[robot][some], styles[robot].color
-        draw_ellipses(axes, where, each[some], sigmas * magnification, color)
-    draw_ellipses(axes, points, spreads, sigmas * magnification, LANDMARK)
-    ellipse_entry(picture, "covariance of positions", sigmas, magnification)
+        draw_ellipses(axes, where, each[some], sigmas * larger, color)
+    ellipse_entry(picture, "covariance of a robot", sigmas, larger)
+    if len(points):
+        draw_ellipses(axes, points, spreads, sigmas * larger_landmarks, LANDMARK)
+        ellipse_entry(picture, "covariance of a landmark", sigmas, larger_landmarks)
     _draw_landmarks(picture, axes, result, points)
     _draw_sightings(picture, axes, sightings or {}, styles)
     draw_goals(picture, axes, goals or {}, styles)

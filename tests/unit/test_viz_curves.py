@@ -8,7 +8,11 @@ import pytest
 
 from fgplan.errors import InvalidInputError, MissingExtraError, UnknownNameError
 from fgplan.viz.figure import new_figure, save
-from fgplan.viz.histories import objective_history_figure, position_covariance_figure
+from fgplan.viz.histories import (
+    covariance_over_time_figure,
+    objective_history_figure,
+    position_covariance_figure,
+)
 from fgplan.viz.running_times import running_time_bars_figure, running_time_figure
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -98,6 +102,54 @@ def test_position_covariances(tmp_path):
     np.testing.assert_allclose(axes.lines[2].get_ydata(), 2 * np.linspace(1e-6, 9, 30))
 
 
+def test_running_time_bars_without_a_reference(tmp_path):
+    figure = written(
+        running_time_bars_figure(["1", "2"], {"x": [1.0, 20.0]}, reference=None), tmp_path
+    )
+    (axes,) = figure.axes
+    assert [bar.get_height() for bar in axes.patches] == [1.0, 20.0]
+    assert legend(figure.legends[0]) == ["x"]
+
+
+def test_covariance_over_time(tmp_path):
+    times = np.arange(0.0, 50.0, 10.0)
+    traces = {"a": [0.0, 1.0, 4.0, 9.0, 16.0], "b": [2.0, 2.0, 2.0, 1.0, 1.0]}
+    figure = written(
+        covariance_over_time_figure(
+            times, traces, sessions={1: 0.0, 2: 20.0}, arrivals={"a": [20.0, 40.0]}
+        ),
+        tmp_path,
+    )
+    axes = figure.axes[0]
+    assert legend(figure.legends[0]) == [
+        "a",
+        "b",
+        "planning session (number above)",
+        "goal reached",
+    ]
+    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    assert axes.get_xlabel() == "time (s)"
+    assert axes.get_ylabel() == "trace of the position covariance (m²)"
+    curves = {line.get_label(): line.get_xydata() for line in axes.lines}
+    np.testing.assert_array_equal(curves["a"], np.column_stack([times, traces["a"]]))
+    rings = [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "o"]
+    assert rings == [[[20.0, 4.0], [40.0, 16.0]], [], []]
+    (right,) = axes.child_axes
+    assert right.get_ylabel() == "square root of it (m)"
+    assert right.get_ylim()[1] == pytest.approx(np.sqrt(axes.get_ylim()[1]), rel=1e-9)
+    plain = covariance_over_time_figure(times, traces)
+    assert legend(plain.legends[0]) == ["a", "b"]
+
+
+def test_bad_covariances_over_time():
+    with pytest.raises(InvalidInputError, match="at least one robot"):
+        covariance_over_time_figure([0.0], {})
+    with pytest.raises(InvalidInputError, match="robot 'a': expected none below zero, got -1"):
+        covariance_over_time_figure([0.0], {"a": [-1.0]})
+    with pytest.raises(InvalidInputError, match="traces of robot 'a': expected shape"):
+        covariance_over_time_figure([0.0], {"a": [1.0, 2.0]})
+
+
 def test_bad_input(tmp_path):
     with pytest.raises(InvalidInputError, match="at least one team"):
         running_time_figure([5], {})
@@ -140,7 +192,9 @@ def test_without_matplotlib(monkeypatch):
 def test_matplotlib_is_imported_late_and_pyplot_never():
     code = (
         "import sys, fgplan.viz.candidate_paths, fgplan.viz.chosen_paths, fgplan.viz.histories\n"
-        "import fgplan.viz.impacted_paths, fgplan.viz.running_times\n"
+        "import fgplan.viz.impacted_paths, fgplan.viz.running_times, fgplan.viz.loop_figures\n"
+        "import fgplan.viz.animation, fgplan.viz.recording.loop_recording\n"
+        "assert not {'PIL', 'rerun', 'foxglove', 'imageio_ffmpeg'} & set(sys.modules)\n"
         "assert 'matplotlib' not in sys.modules\n"
         "fgplan.viz.histories.objective_history_figure([2.0], ['a'])\n"
         "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"

@@ -65,7 +65,8 @@ def test_coverage_is_that_of_samples():
 def test_magnification():
     covariances = np.array([np.diag([1.0, 4.0]), np.eye(2)])
     assert magnification_to_see(covariances, 3.0, 100.0) == 1
-    assert magnification_to_see(covariances, 3.0, 2500.0) == 5
+    assert magnification_to_see(covariances, 3.0, 2500.0) == 10
+    assert magnification_to_see(covariances, 3.0, 2500.0, share=0.012) == 5
     assert magnification_to_see(np.zeros((1, 2, 2)), 3.0, 100.0) == 1000
 
 

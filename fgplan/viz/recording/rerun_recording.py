@@ -81,7 +81,7 @@ def _log(rr: Any, stream: Any, layers: Layers) -> None:  # noqa: ANN401
 
 
 def _log_looks(rr: Any, stream: Any, history: LoopHistory) -> None:  # noqa: ANN401
-    """How poses and curves of each robot look: a point and a curve of its colour, the truth black."""
+    """How poses and curves of each robot look: its colour, the truth black."""
     styles = robot_styles(history.robots)
     for robot, style in styles.items():
         color = _rgba(style.color, 1.0)
