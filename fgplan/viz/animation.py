@@ -29,7 +29,7 @@ _FAINT = 0.15
 _HOLD_S = 0.4
 """How long the choice is shown before the robots move, and four times as long the end."""
 
-_EXACT, _BLENDED, _APART = 24, 96, 8
+_EXACT, _BLENDED, _APART = 24, 64, 8
 """Colours of the palette that are kept exactly, those that stand for all others, and
 the least difference between two."""
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MARKERS = "os^Dv<>P"
+_BESIDE = 16
+"""Bars whose numbers have room beside one another."""
 
 
 def running_time_figure(
@@ -114,9 +116,13 @@ def running_time_bars_figure(
         known = ", ".join(seconds) or "none"
         raise UnknownNameError(f"figure: reference {reference!r} is not one of: {known}")
     times = {name: _check_times(given, name, (len(sessions),)) for name, given in seconds.items()}
-    figure = new_figure(height_px=520)
+    # Many bars have a panel of full width each.
+    panels = 1 if reference is None else 2
+    below = panels == 2 and len(sessions) * len(times) > _BESIDE
+    figure = new_figure(height_px=820 if below else 520)
     colors = {name: _color(place) for place, name in enumerate(times)}
-    left, *others = figure.subplots(1, 1 if reference is None else 2, squeeze=False)[0]
+    grid = figure.subplots(panels if below else 1, 1 if below else panels, squeeze=False)
+    left, *others = grid.ravel()
     _bars(left, sessions, times, colors, "")
     left.set_yscale("log")
     left.set_ylabel("running time (s)")
@@ -144,15 +150,16 @@ def _bars(
 ) -> None:
     """Draw groups of bars with their values above."""
     width = 0.8 / max(len(values), 1)
+    upright = len(groups) * len(values) > _BESIDE
     places = np.arange(len(groups))
     for index, (name, each) in enumerate(values.items()):
         offset = (index - 0.5 * (len(values) - 1)) * width
         bars = axes.bar(places + offset, each, 0.92 * width, color=colors[name], label=name)
         texts = [(f"{v:.0f}" if v >= 10 else f"{v:.2g}") + unit for v in each]
-        axes.bar_label(bars, texts, fontsize=8, padding=2)
+        axes.bar_label(bars, texts, fontsize=8, padding=2, rotation=90 if upright else 0)
     axes.set_xticks(places, list(groups))
     axes.set_xlabel("planning session")
-    axes.margins(y=0.12)
+    axes.margins(x=0.02, y=0.2 if upright else 0.12)
     _grid(axes)
 
 

@@ -111,6 +111,18 @@ def test_running_time_bars_without_a_reference(tmp_path):
     assert legend(figure.legends[0]) == ["x"]
 
 
+def test_many_running_time_bars(tmp_path):
+    seconds = {"from_scratch": np.arange(1.0, 10.0), "incremental": np.full(9, 0.1)}
+    names = [str(number) for number in range(1, 10)]
+    figure = written(running_time_bars_figure(names, seconds, reference="from_scratch"), tmp_path)
+    above, below = figure.axes
+    assert above.get_position().y0 > below.get_position().y1
+    assert {text.get_rotation() for text in above.texts} == {90.0}
+    # Nine ratios stand beside one another.
+    assert {text.get_rotation() for text in below.texts} == {0.0}
+    assert [text.get_text() for text in below.texts][::4] == ["10×", "50×", "90×"]
+
+
 def test_covariance_over_time(tmp_path):
     times = np.arange(0.0, 50.0, 10.0)
     traces = {"a": [0.0, 1.0, 4.0, 9.0, 16.0], "b": [2.0, 2.0, 2.0, 1.0, 1.0]}
