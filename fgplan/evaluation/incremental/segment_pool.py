@@ -58,9 +58,9 @@ class SegmentPool(NamedTuple):
     def bytes_each(self) -> IntArray:
         """Memory of each message, shape (M,)."""
         slots = np.diff(self.slot_pointer)
-        rest = 25 + 8 * self.slot_c[:1].size
+        of_slot = 17 + 8 * self.slot_c[:1].size
         flat = np.diff(self.square_pointer) + np.diff(self.merged_pointer)
-        return 8 * (flat + 2 * np.diff(self.row_pointer) + 7) + rest * slots
+        return 8 * (flat + 2 * np.diff(self.row_pointer) + 6) + of_slot * slots
 
 
 class CandidateSegments(NamedTuple):

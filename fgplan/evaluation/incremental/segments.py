@@ -165,10 +165,11 @@ def carry_segments(
     room = memory_bytes - linearisations.bytes
     chosen = np.arange(int(np.searchsorted(np.cumsum(each), room, side="right")))
     pool = take_segments(segments.pool, chosen)
+    used, index = np.unique(pool.slot_variable - base, return_inverse=True)
     return Carried(
         places={segments.names[place]: place for place in chosen.tolist()},
-        keys=numbering.prior_keys,
-        pool=pool._replace(slot_variable=pool.slot_variable - base),
+        keys=tuple(numbering.prior_keys[place] for place in used.tolist()),
+        pool=pool._replace(slot_variable=index.astype(np.int64)),
         linearisations=linearisations,
     )
 
