@@ -163,7 +163,7 @@ def _requirements(plans: list[Plan]) -> tuple[Requirement, ...]:
 
 def _estimate_requirements(estimate: PastEstimate | None) -> tuple[Requirement, ...]:
     """What the estimate of a log must satisfy."""
-    if estimate is None or not estimate.iterations:
+    if estimate is None or not estimate.optimised:
         return ()
     return (require_true("estimate_converged", estimate.converged),)
 

@@ -101,14 +101,16 @@ def past_lines(estimate: PastEstimate | None, run: LogRun | None) -> list[str]:
         return []
     past = estimate.past
     poses = sum(len(keys) for keys in past.robots.values())
+    robots = "1 robot" if len(past.robots) == 1 else f"{len(past.robots)} robots"
     lines = [
-        f"past: {past.format}, {len(past.robots)} robots, {poses} poses, {past.graph.size()} "
+        f"past: {past.format}, {robots}, {poses} poses, {past.graph.size()} "
         f"factors, from {len(past.files)} file{'s' if len(past.files) > 1 else ''}"
     ]
-    if estimate.iterations:
+    if estimate.optimised:
         lines.append(
-            f"  joint estimate: error {estimate.error_before:.6g} -> {estimate.error_after:.6g} in "
-            f"{estimate.iterations} iterations, {estimate.seconds:.2f} s"
+            f"  joint estimate: half squared error {estimate.error_before:.6g} -> "
+            f"{estimate.error_after:.6g} in {estimate.iterations} iterations, "
+            f"{estimate.seconds:.2f} s"
             f"{'' if estimate.converged else '; NOT converged'}"
         )
     lines += [f"  {note}" for note in (*past.notes, *estimate.notes)]

@@ -101,10 +101,13 @@ def derive_scenario(estimate: PastEstimate, name: str) -> DerivedScenario:
         },
         "planner": {"name": "impacted_paths", "impacted_paths": {"candidates": CANDIDATES}},
     }
+    to = "each robot goes to the last pose of the next"
+    if len(past.robots) == 1:
+        to = "the robot goes back to where it began"
     level = "; robots keep their height and stay level" if _spatial(estimate) else ""
     notes = (
         f"bounds: the past and {margin:.3g} m around it, no obstacles known",
-        f"goals: each robot goes to the last pose of the next{level}",
+        f"goals: {to}{level}",
         motion_note,
         team_note,
         *(f"sensor {sensor}: {_sensor_note(table)}" for sensor, table in sensors.items()),
