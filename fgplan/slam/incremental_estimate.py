@@ -20,7 +20,7 @@ import numpy as np
 
 from fgplan.checks import frozen
 from fgplan.factors.boundary import gtsam_boundary
-from fgplan.slam.robust_noise import RobustFactor, RobustLoss
+from fgplan.slam.robust_noise import RobustFactor
 from fgplan.slam.slam_options import SlamOptions
 from fgplan.typing import Covariance, FloatArray, Key, Pose
 
@@ -31,7 +31,7 @@ class Addition:
 
     Attributes:
         factors: In order.
-        robust: Sensor and factor, by place in ``factors``, of those whose noise is robust.
+        robust: Those of them whose noise is robust, by their place in ``factors``.
         values: First estimate of each new variable.
     """
 
@@ -39,9 +39,8 @@ class Addition:
     robust: dict[int, RobustFactor] = field(default_factory=dict)
     values: gtsam.Values = field(default_factory=gtsam.Values)
 
-    def add_robust(self, factor: gtsam.NoiseModelFactor, loss: RobustLoss, sensor: str) -> None:
-        """Add a factor of a sensor with robust noise instead of its Gaussian noise."""
-        robust = RobustFactor(sensor, factor, loss)
+    def add_robust(self, robust: RobustFactor) -> None:
+        """Add a factor with robust noise."""
         self.robust[len(self.factors)] = robust
         self.factors.append(robust.factor())
 

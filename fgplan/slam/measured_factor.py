@@ -43,6 +43,7 @@ def landmark_factor(
     measurement: Measurement,
     sensor: AbstractSensor,
     keys: tuple[Key, Key],
+    noise: gtsam.noiseModel.Base,
     *,
     planar: bool,
     flat: bool,
@@ -53,13 +54,14 @@ def landmark_factor(
         measurement: What was measured; checked.
         sensor: The sensor that it names.
         keys: Keys of the pose and of the landmark.
+        noise: Its noise model, Gaussian or robust.
         planar: Whether the pose is (x, y, heading), not a 4 x 4 matrix.
         flat: Whether the landmark has two coordinates, not three.
 
     Returns:
         GTSAM's own factor for the built-in sensors, else a CustomFactor.
     """
-    value, noise = measurement.value, _noise(measurement)
+    value = measurement.value
     native = planar == flat and _basis_agrees(sensor, measurement, planar=planar)
     if native and type(sensor) is RangeSensor:
         ranging = gtsam.RangeFactor2D if planar else gtsam.RangeFactor3D
@@ -80,6 +82,7 @@ def robot_factor(
     measurement: Measurement,
     sensor: AbstractSensor | RelativePoseSensor,
     keys: tuple[Key, Key],
+    noise: gtsam.noiseModel.Base,
     *,
     planar: bool,
 ) -> gtsam.NoiseModelFactor:
@@ -89,12 +92,13 @@ def robot_factor(
         measurement: What was measured; checked.
         sensor: The sensor that it names.
         keys: Keys of the pose of the robot that measured and of the one that was measured.
+        noise: Its noise model, Gaussian or robust.
         planar: Whether the poses are (x, y, heading), not 4 x 4 matrices.
 
     Returns:
         GTSAM's own factor for the built-in sensors, else a CustomFactor.
     """
-    value, noise = measurement.value, _noise(measurement)
+    value = measurement.value
     if isinstance(sensor, RelativePoseSensor):
         return _between(keys, rigid(value), noise)
     native = _basis_agrees(sensor, measurement, planar=planar)
@@ -129,7 +133,7 @@ def prior_factor(
 
 
 def _between(
-    keys: tuple[Key, Key], relative: Pose, noise: gtsam.noiseModel.Gaussian
+    keys: tuple[Key, Key], relative: Pose, noise: gtsam.noiseModel.Base
 ) -> gtsam.NoiseModelFactor:
     """Factor of a measured relative pose."""
     if relative.ndim == 1:
@@ -137,7 +141,7 @@ def _between(
     return gtsam.BetweenFactorPose3(*keys, gtsam.Pose3(relative), noise)
 
 
-def _noise(measurement: Measurement) -> gtsam.noiseModel.Gaussian:
+def measurement_noise(measurement: Measurement) -> gtsam.noiseModel.Gaussian:
     """Noise model of a measurement."""
     return gaussian_noise(measurement.covariance, f"sensor {measurement.sensor!r}")
 
@@ -181,7 +185,7 @@ def _pose(values: gtsam.Values, key: Key, *, planar: bool) -> Pose:
 def _custom_factor(
     sensor: AbstractSensor,
     keys: tuple[Key, Key],
-    measured: tuple[FloatArray, gtsam.noiseModel.Gaussian],
+    measured: tuple[FloatArray, gtsam.noiseModel.Base],
     read: Callable[[gtsam.Values, Key], Target],
     *,
     planar: bool,

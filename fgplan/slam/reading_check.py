@@ -71,9 +71,11 @@ def check_measurement(
         InvalidInputError: If value or covariance have another shape than the sensor's, are not
             finite, the noise is not positive definite, or the sensor does not measure such things.
     """
+    target = measurement.target
+    what = describe_key(target) if isinstance(target, int) and target >= 0 else repr(target)
     name = (
-        f"measurement of {measurement.kind} {measurement.target!r} by robot {measurement.robot!r} "
-        f"with sensor {measurement.sensor!r}"
+        f"measurement of {measurement.kind} {what} by robot {measurement.robot!r} with sensor "
+        f"{measurement.sensor!r}"
     )
     value, planar = measurement.value, pose.ndim == 1
     if measurement.kind not in ("landmark", "robot"):
@@ -105,8 +107,10 @@ def check_measurement(
     else:
         rows = _rows_of_own(measurement, sensor, pose, name)
     covariance = measurement.covariance
-    if covariance.shape != (rows, rows) or np.count_nonzero(covariance) != rows:
-        # Diagonal ones are checked where they become noise models, at a tenth of the time.
+    plain = covariance.shape == (rows, rows) and np.count_nonzero(covariance) == rows
+    diagonal = covariance.ravel()[:: rows + 1]
+    # The usual noise, independent rows, at a tenth of the time.
+    if not (plain and (diagonal > 0.0).all() and np.isfinite(diagonal).all()):
         check_covariance(covariance, f"covariance of {name}", rows)
 
 

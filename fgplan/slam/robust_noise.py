@@ -8,8 +8,9 @@ in every linear step. So at its solution the robust graph has the same linear st
 one whose factors have the covariance C / w: that one has a belief, the robust one has none.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal
 
 import gtsam
 import numpy as np
@@ -62,36 +63,41 @@ class RobustLoss:
         return gtsam.noiseModel.Robust.Create(loss.Create(self.parameter), noise)
 
 
+FactorMaker = Callable[[gtsam.noiseModel.Base], gtsam.NoiseModelFactor]
+"""Makes a factor with a noise model. GTSAM cannot clone a CustomFactor with another."""
+
+
 @dataclass(frozen=True, slots=True)
 class RobustFactor:
     """A factor whose residual weighs less where it is large.
 
     Attributes:
         sensor: Name of the sensor that measured.
-        gaussian: The factor with its Gaussian noise.
+        make: Makes the factor.
+        noise: Its Gaussian noise.
         loss: How it weighs.
     """
 
     sensor: str
-    gaussian: gtsam.NoiseModelFactor
+    make: FactorMaker
+    noise: gtsam.noiseModel.Gaussian
     loss: RobustLoss
 
     def factor(self) -> gtsam.NoiseModelFactor:
         """The factor with robust noise, for iSAM2."""
-        noise = cast(gtsam.noiseModel.Gaussian, self.gaussian.noiseModel())
-        return self.gaussian.cloneWithNewNoiseModel(self.loss.around(noise))
+        return self.make(self.loss.around(self.noise))
 
     def weight(self, values: gtsam.Values) -> float:
         """Its weight at given values."""
-        return self.loss.weight(float(np.linalg.norm(self.gaussian.whitenedError(values))))
+        residual = self.make(self.noise).whitenedError(values)
+        return self.loss.weight(float(np.linalg.norm(residual)))
 
     def reweighted(self, values: gtsam.Values) -> gtsam.NoiseModelFactor:
         """The factor with Gaussian noise, its covariance divided by the weight at the values."""
         root = np.sqrt(self.weight(values))
-        noise = cast(gtsam.noiseModel.Gaussian, self.gaussian.noiseModel())
         model: gtsam.noiseModel.Gaussian
-        if isinstance(noise, gtsam.noiseModel.Diagonal):
-            model = gtsam.noiseModel.Diagonal.Sigmas(noise.sigmas() / root, False)
+        if isinstance(self.noise, gtsam.noiseModel.Diagonal):
+            model = gtsam.noiseModel.Diagonal.Sigmas(self.noise.sigmas() / root, False)
         else:
-            model = gtsam.noiseModel.Gaussian.SqrtInformation(root * noise.R(), False)
-        return self.gaussian.cloneWithNewNoiseModel(model)
+            model = gtsam.noiseModel.Gaussian.SqrtInformation(root * self.noise.R(), False)
+        return self.make(model)

@@ -13,6 +13,7 @@ between (fgplan.slam.incremental_estimate): a run is resumed by replaying its lo
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import cast
 
 import gtsam
@@ -31,6 +32,7 @@ from fgplan.slam.incremental_estimate import IncrementalEstimate
 from fgplan.slam.landmark_start import landmark_start, sighting_of
 from fgplan.slam.measured_factor import (
     landmark_factor,
+    measurement_noise,
     odometry_factor,
     prior_factor,
     rigid,
@@ -38,6 +40,7 @@ from fgplan.slam.measured_factor import (
 )
 from fgplan.slam.pose_key import MAX_TEAM, pose_key
 from fgplan.slam.reading_check import check_measurement, checked_odometry, landmark_key
+from fgplan.slam.robust_noise import FactorMaker, RobustFactor
 from fgplan.slam.slam_options import SlamOptions, SlamStart
 from fgplan.slam.team_change import LandmarkMeasurement, TeamChange
 from fgplan.typing import Covariance, FloatArray, Key, Pose
@@ -309,8 +312,8 @@ class TeamSlam:
                     "another robot as its target, got itself"
                 )
             there = change.poses.get(other, (self._keys[other][-1], self._poses[other]))[0]
-            factor = robot_factor(measurement, sensor, (key, there), planar=self._planar)
-            self._add_factor(factor, measurement.sensor, change)
+            make = partial(robot_factor, measurement, sensor, (key, there), planar=self._planar)
+            self._add_factor(make, measurement, change)
             return
         landmark = landmark_key(measurement.target)
         change.seen.append((landmark, name))
@@ -336,18 +339,24 @@ class TeamSlam:
         landmark = int(one.measurement.target)
         size = self._sizes.get(landmark) or change.points[landmark].size
         keys = (one.pose_key, landmark)
-        factor = landmark_factor(
-            one.measurement, one.sensor, keys, planar=self._planar, flat=size == 2
+        make = partial(
+            landmark_factor,
+            one.measurement,
+            one.sensor,
+            keys,
+            planar=self._planar,
+            flat=size == 2,
         )
-        self._add_factor(factor, one.measurement.sensor, change)
+        self._add_factor(make, one.measurement, change)
 
-    def _add_factor(self, factor: gtsam.NoiseModelFactor, sensor: str, change: TeamChange) -> None:
+    def _add_factor(self, make: FactorMaker, measurement: Measurement, change: TeamChange) -> None:
         """A factor of a measurement, its noise robust if its sensor's is."""
-        loss = self.options.robust.get(sensor)
+        name, noise = measurement.sensor, measurement_noise(measurement)
+        loss = self.options.robust.get(name)
         if loss is None:
-            change.addition.factors.append(factor)
+            change.addition.factors.append(make(noise))
         else:
-            change.addition.add_robust(factor, loss, sensor)
+            change.addition.add_robust(RobustFactor(name, make, noise, loss))
 
     def _start_landmarks(self, seen: set[Key], doing: str) -> None:
         """Put those landmarks into the graph that have become determined."""
