@@ -26,7 +26,7 @@ MOST_APART_S = 1.0
 LEAST_APART_S = 0.05
 """Two sightings of one landmark from which a turn is read."""
 
-LAGS_S = np.arange(-0.5, 1.0001, 0.025)
+LAGS_S = 0.025 * np.arange(-20, 41)
 LEAST_PAIRS = 50
 """Pairs of sightings below which no lag is read."""
 
@@ -117,7 +117,7 @@ def odometry_lag(robot: MrclamRobot, landmarks: frozenset[int]) -> tuple[float, 
         moved = motion.at(end - lag) - motion.at(start - lag)
         turned = first - second + moved[:, 3] * np.sin(0.5 * (first + second)) / distance
         spreads.append(_spread_about_line(np.column_stack([moved[:, 2], end - start]), turned))
-    return float(LAGS_S[int(np.argmin(spreads))]), len(pairs)
+    return round(float(LAGS_S[int(np.argmin(spreads))]), 3), len(pairs)
 
 
 def _sighting_pairs(robot: MrclamRobot, landmarks: frozenset[int]) -> FloatArray:
