@@ -307,3 +307,77 @@ def test_what_g2o_cannot_hold_is_refused(tmp_path):
         write_g2o(tmp_path / "c.g2o", first.graph, values)
     with pytest.raises(ScenarioError, match="cannot be written"):
         write_g2o(tmp_path / "no" / "such" / "folder.g2o", first.graph, first.values)
+
+
+def test_folder_of_ten_robots():
+    read = read_g2o(ARGOS_FOLDER, repeat_tolerance=1e-5)
+    assert [path.name for path in read.files] == [f"{robot}.g2o" for robot in range(10)]
+    assert read.left_out == ()
+    assert read.counts == {"EDGE_SE3:QUAT": 1596, "VERTEX_SE3:QUAT": 1070}
+    assert (read.graph.size(), read.repeated, read.same_ends) == (1370, 226, 0)
+    ends = [read.graph.at(index).keys() for index in range(1370)]
+    assert sum(first >> 56 != second >> 56 for first, second in ends) == 310
+    assert all(len(files) == 1 for files in read.vertex_files.values())
+    # Without the tolerance 16 edges that differ in their sixth digit stand twice, and it says so.
+    exact = read_g2o(ARGOS_FOLDER)
+    assert (exact.graph.size(), exact.repeated, exact.same_ends) == (1386, 210, 16)
+
+
+def team_files(tmp_path, robots=12, steps=4):
+    """A planar team, one file a robot, each edge between two robots in both files."""
+    rng = np.random.default_rng(3)
+    lines = {robot: [] for robot in range(robots)}
+    triangle = "100 0 0 100 0 400"
+    for robot in range(robots):
+        letter = chr(ord("a") + robot)
+        for step in range(steps):
+            x, y, heading = rng.normal(size=3)
+            lines[robot].append(f"VERTEX_SE2 {symbol(letter, step)} {x} {y} {heading}")
+        for step in range(steps - 1):
+            edge = f"{symbol(letter, step)} {symbol(letter, step + 1)} 1 {rng.normal()} 0.1"
+            lines[robot].append(f"EDGE_SE2 {edge} {triangle}")
+    shared = []
+    for robot in range(robots - 1):
+        first, second = (symbol(chr(ord("a") + robot + i), 1 + i) for i in (0, 1))
+        edge = f"EDGE_SE2 {first} {second} {rng.normal()} 0 0.2 {triangle}"
+        shared.append(edge)
+        lines[robot].append(edge)
+        lines[robot + 1].append(edge)
+    folder = tmp_path / "team"
+    folder.mkdir()
+    for robot, content in lines.items():
+        (folder / f"robot_{robot}.g2o").write_text("\n".join(content) + "\n")
+    whole = dict.fromkeys(line for content in lines.values() for line in content)
+    return folder, "\n".join(whole) + "\n"
+
+
+def test_parts_by_robot_are_the_whole_graph(tmp_path):
+    folder, whole = team_files(tmp_path)
+    parts = read_g2o(folder)
+    assert [path.name for path in parts.files] == [f"robot_{robot}.g2o" for robot in range(12)]
+    one = read_g2o(written(tmp_path, whole))
+    assert parts.repeated == 11
+    assert one.graph.size() == parts.graph.size() == 12 * 3 + 11
+    assert parts.values.equals(one.values, 0.0)
+    moved = one.values.retract(_random_tangent(one.values))
+    assert parts.graph.error(moved) == pytest.approx(one.graph.error(moved), rel=1e-12)
+    assert parts.vertex_files[symbol("c", 0)] == (2,)
+
+
+@pytest.mark.parametrize("name", ["fullGraph.g2o", "full_graph.g2o", "full.g2o"])
+def test_whole_graph_beside_its_parts_is_left_out_and_named(tmp_path, name):
+    folder, whole = team_files(tmp_path, robots=2)
+    (folder / name).write_text(whole)
+    read = read_g2o(folder)
+    assert read.left_out == (folder / name,)
+    assert read.graph.size() == 7
+    for part in read.files:
+        part.unlink()
+    alone = read_g2o(folder)
+    assert (alone.files, alone.left_out) == ((folder / name,), ())
+    assert alone.graph.size() == 7
+
+
+def test_folder_without_g2o(tmp_path):
+    with pytest.raises(ScenarioError, match=r"expected \*\.g2o files in this folder, found none"):
+        read_g2o(tmp_path)
