@@ -65,7 +65,7 @@ class Mission:
         starts, past, steps = {}, [], {}
         for number, (robot, paths) in enumerate(self.candidates.items()):
             path = paths[int(self.generator.integers(len(paths)))]
-            steps[robot] = int(self.generator.integers(1, 3))
+            steps[robot] = min(int(self.generator.integers(1, 3)), path.steps)
             starts[robot] = self._drive(number, robot, path, steps[robot])
             past += [
                 PastState(
