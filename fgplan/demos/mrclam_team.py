@@ -1,9 +1,10 @@
 """What the five robots of MR.CLAM may do next: roadmap, goals, candidate paths, objective.
 
-The arena is what the robots have driven, with a margin; the tubes that carry the barcodes are the
-only obstacles and nothing blocks a view. Each robot goes to the driven place farthest from where it
-is now, a metre and a half from the goals of the robots before it. Along the paths the camera sees
-mapped landmarks, and other robots that are in view at the same time, with the noise that SLAM used.
+The arena is what the robots have driven and mapped, with a margin; the tubes that carry the
+barcodes are the only obstacles and nothing blocks a view. Each robot goes to the driven place
+farthest from where it is now, apart from every other robot and from the goals of those before it.
+Along the paths the camera sees mapped landmarks, and other robots that are in view at the same
+time, with the noise that SLAM used.
 """
 
 from collections.abc import Mapping
@@ -46,7 +47,7 @@ class MrclamTeamOptions:
         together_s: Two robots see each other where their poses are no farther apart in time.
         path_weight: Of (41), a metre.
         uncertainty_weight: Of (41), a square metre.
-        goal_distance_m: Least distance between two goals, metres.
+        goal_distance_m: Least distance of a goal from the other goals and from every robot, metres.
     """
 
     candidates: int = 20
@@ -56,7 +57,7 @@ class MrclamTeamOptions:
     together_s: float = 3.5
     path_weight: float = 1e-4
     uncertainty_weight: float = 1.0
-    goal_distance_m: float = 1.5
+    goal_distance_m: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,7 +155,7 @@ def prepare_mrclam_team(
 
 
 def arena(driven: FloatArray, landmarks: FloatArray) -> Workspace:
-    """Bounds of what was driven with a margin; landmarks are octagons.
+    """Bounds of what was driven and mapped with a margin; landmarks are octagons.
 
     Args:
         driven: Shape (n, 2), metres, world frame.
@@ -165,9 +166,10 @@ def arena(driven: FloatArray, landmarks: FloatArray) -> Workspace:
     """
     angle = 2.0 * np.pi * (np.arange(_CORNERS) + 0.5) / _CORNERS
     corners = TUBE_RADIUS_M * np.column_stack([np.cos(angle), np.sin(angle)])
+    known = np.vstack([driven, landmarks])
     return Workspace(
-        lower=driven.min(axis=0) - MARGIN_M,
-        upper=driven.max(axis=0) + MARGIN_M,
+        lower=known.min(axis=0) - MARGIN_M,
+        upper=known.max(axis=0) + MARGIN_M,
         obstacles=[landmark + corners for landmark in landmarks],
     )
 
@@ -175,12 +177,12 @@ def arena(driven: FloatArray, landmarks: FloatArray) -> Workspace:
 def choose_goals(
     starts: Mapping[str, FloatArray], places: FloatArray, apart_m: float
 ) -> dict[str, FloatArray]:
-    """The driven place farthest from each robot, away from the goals of those before it.
+    """The driven place farthest from each robot, apart from all robots and from earlier goals.
 
     Args:
         starts: Current pose of each robot, shape (3,).
         places: Driven places, shape (n, 2), metres, world frame.
-        apart_m: Least distance between two goals, metres.
+        apart_m: Least distance of a goal from robots and other goals, metres.
 
     Returns:
         Goal of each robot, shape (2,).
@@ -189,15 +191,16 @@ def choose_goals(
         NoCandidatePathError: If no place is left for a robot.
     """
     goals: dict[str, FloatArray] = {}
+    present = [start[:2] for start in starts.values()]
     for robot, start in starts.items():
-        taken = np.array(list(goals.values())).reshape(-1, 2)
-        apart = np.linalg.norm(places[:, None] - taken[None], axis=2).min(axis=1, initial=np.inf)
+        taken = np.array([*present, *goals.values()])
+        apart = np.linalg.norm(places[:, None] - taken[None], axis=2).min(axis=1)
         way = np.where(apart >= apart_m, np.linalg.norm(places - start[:2], axis=1), -np.inf)
         best = int(np.argmax(way))
         if not np.isfinite(way[best]):
             raise NoCandidatePathError(
-                f"robot {robot!r}: expected a driven place {apart_m:g} m from the other goals; "
-                "this part of the log is too short"
+                f"robot {robot!r}: expected a driven place {apart_m:g} m from all robots and other "
+                "goals; this part of the log is too short"
             )
         goals[robot] = places[best]
     return goals
