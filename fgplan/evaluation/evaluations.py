@@ -88,7 +88,11 @@ class Evaluations:
 
 
 class AbstractEvaluator(Protocol):
-    """One way of evaluating candidate paths; the state is a value passed in and out."""
+    """One way of evaluating candidate paths; the state is a value passed in and out.
+
+    Optional: ``choose`` finds the best candidate without evaluating all, and ``carry`` makes of a
+    state what the next planning session may use, which ``start`` then takes as ``carried``.
+    """
 
     @property
     def name(self) -> str:

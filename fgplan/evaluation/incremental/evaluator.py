@@ -4,7 +4,8 @@ Once a prior: one elimination of the history. Once a robot: its candidates as ar
 announcement: S, factors with announced poses, and the messages of candidates whose factors
 changed. Once a candidate: one Cholesky factor of a small joint covariance. Candidates that the
 announcement does not reach keep their own term and get the others' as a constant. ``choose``
-evaluates exactly only the candidates that a lower bound cannot exclude.
+evaluates exactly only the candidates that a lower bound cannot exclude. From one planning session
+to the next, ``carry`` takes along what segments of the candidates say.
 """
 
 from collections.abc import Mapping, Sequence

@@ -11,7 +11,7 @@ class MessagePool(NamedTuple):
     A message has one slot for each interface variable, and rows of measurements for each slot.
 
     Attributes:
-        candidates: Shape (n,), increasing: whose message stands at each place.
+        candidates: Shape (n,), whose message stands at each place, where it is live.
         live: Shape (n,), whether it still holds.
         slot_pointer: Shape (n + 1,), where the slots of each message begin.
         noise_pointer: Shape (n + 1,), where N of each message begins.

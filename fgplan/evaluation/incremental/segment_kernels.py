@@ -142,6 +142,7 @@ def _build_segment(
                 psi[i * d + a, (i - 1) * d + b] = motion.cross[c, step, a, b]
                 psi[i * d + a, i * d + b] += motion.late[c, step, a, b]
             first[i * d + a] = (i - 1) * d
+        # landmarks and past poses are in every belief: their widths stand for their columns
         count = gather_factors(factors, states[c, step], i, width, found, count, psi)
     pool.sound[k] = 1
     for slot in range(count):
