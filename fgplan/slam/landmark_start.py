@@ -2,10 +2,13 @@
 
 A bearing and range at once give the point. For ranges and bearings from several poses, every
 starting point that geometry offers (fgplan.slam.sighting_geometry) is refined by least squares on
-all of them. The best one, q, is taken as the start if both hold, with S the covariance of all
-residuals, which has the noise of the measurements and of the poses relative to the last one:
+all of them. The best one, q, is taken as the start if all of this holds, with S the covariance of
+all residuals, which has the noise of the measurements and of the poses relative to the last one:
 
     determined     largest sigma of (J' S^-1 J)^-1 at most SIGMA_SHARE of the nearest distance
+    nearly linear  FAIR_SIGMAS along each axis of that covariance, the residuals have changed about
+                   as they should: fails beside the line of the poses, where two mirror images
+                   become one minimum and noise decides on the side
     no rival       e' S^-1 e of every other minimum, the mirror image of q among the starts, is
                    larger by RIVAL_CHI_SQUARE
 

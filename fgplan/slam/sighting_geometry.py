@@ -30,6 +30,9 @@ from fgplan.typing import Covariance, FloatArray, IntArray, Pose
 RIVAL_CHI_SQUARE = 25.0
 """How much worse every other place must fit: as improbable as five sigmas."""
 
+FAIR_SIGMAS = 3.0
+"""How far the squared change of the residuals must be within a factor of two of the linear one."""
+
 _ITERATIONS = 30
 _LEAST_DAMPING = 1e-12
 
@@ -225,21 +228,41 @@ class SightingGeometry:
             noise: Covariance S of the residuals, shape (m, m).
 
         Returns:
-            Whether (J' S^-1 J)^-1 has no larger sigma and e' S^-1 e of each rival is larger by
-            RIVAL_CHI_SQUARE.
+            Whether (J' S^-1 J)^-1 has no larger sigma, residuals are nearly linear as far as
+            FAIR_SIGMAS, and e' S^-1 e of each rival is larger by RIVAL_CHI_SQUARE.
         """
         try:
-            lower = np.linalg.cholesky(noise)
+            lower: FloatArray = np.linalg.cholesky(noise)
         except np.linalg.LinAlgError:
             # What all poses share is so uncertain that taking it out has left rounding errors.
             return False
         error, slope = self.residuals(best)
-        singular = np.linalg.svd(np.linalg.solve(lower, slope), compute_uv=False)
+        _, singular, axes = np.linalg.svd(np.linalg.solve(lower, slope), full_matrices=False)
         if len(singular) < best.size or sigma * singular[-1] < 1.0:
+            return False
+        if not all(
+            self._fair(best, axes, axis, sign * FAIR_SIGMAS / singular[axis], lower)
+            for axis in range(best.size)
+            for sign in (1.0, -1.0)
+        ):
             return False
         fit = float((np.linalg.solve(lower, error) ** 2).sum())
         others = [np.linalg.solve(lower, self.residuals(rival)[0]) for rival in rivals]
         return all(float(other @ other) - fit >= RIVAL_CHI_SQUARE for other in others)
+
+    def _fair(
+        self, best: FloatArray, axes: FloatArray, axis: int, way: float, lower: FloatArray
+    ) -> bool:
+        """Whether residuals change about as they should linearly, some way along an axis."""
+        point = best + way * axes[axis]
+        if not self._apart(point):
+            return False
+        error, slope = self.residuals(point)
+        change = np.linalg.solve(lower, error - self.residuals(best)[0])
+        # Along a circle of equal range, say: what moving across the axis can make up for.
+        across = np.linalg.solve(lower, slope @ np.delete(axes, axis, axis=0).T)
+        change = change - across @ np.linalg.lstsq(across, change, rcond=None)[0]
+        return bool(0.5 * FAIR_SIGMAS**2 <= change @ change <= 2.0 * FAIR_SIGMAS**2)
 
     def by_poses(self, point: FloatArray, poses: Sequence[Pose]) -> FloatArray:
         """Derivatives of the residuals by the pose tangents, shape (m, n d)."""

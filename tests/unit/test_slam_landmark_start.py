@@ -189,3 +189,19 @@ def test_a_range_of_zero_or_less_gives_no_point():
     sighting = sighted(BOTH, [pose], POINT)[0]
     assert replace(sighting, distance=-0.1).point(pose) is None
     np.testing.assert_allclose(sighting.point(pose), POINT, rtol=1e-12)
+
+
+def test_ranges_along_a_nearly_straight_way_do_not_place_what_lies_ahead():
+    """One minimum of the squares, but noise of 0.1 m decides on which side of the way it is."""
+    x = [192.9, 195.8, 198.8, 201.6, 204.5, 207.3, 210.2]
+    y = [176.4, 175.6, 174.6, 173.5, 172.6, 171.7, 171.6]
+    poses = planar(*zip(x, y, strict=True))
+    ahead, aside = np.array([249.5, 163.7]), np.array([220.0, 203.0])
+    sensor = RangeSensor(sigma_m=0.1)
+    assert landmark_start(sighted(sensor, poses, ahead), poses) is None
+    found = landmark_start(sighted(sensor, poses, aside), poses)
+    np.testing.assert_allclose(found, aside, atol=1e-3)
+    # A bearing tells the sides apart.
+    sensors = [sensor] * 6 + [BOTH]
+    found = landmark_start(sighted(sensors, poses, ahead), poses)
+    np.testing.assert_allclose(found, ahead, atol=1e-3)
