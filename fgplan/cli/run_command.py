@@ -27,6 +27,7 @@ from fgplan.io.mission_file import make_mission
 from fgplan.io.named_files import named_files
 from fgplan.io.past_estimate import PastEstimate
 from fgplan.io.past_files import plan_start_s, write_past_files
+from fgplan.io.past_formats import is_team_past
 from fgplan.io.place import Place
 from fgplan.io.plan_file import write_plans
 from fgplan.io.prior_table import make_prior
@@ -34,7 +35,6 @@ from fgplan.io.result_file import Requirement, require_true
 from fgplan.io.run_folder import begin_run, write_record
 from fgplan.io.scenario import Scenario
 from fgplan.io.scenario_file import read_scenario
-from fgplan.io.team_past import is_team_past
 from fgplan.io.user_object import is_object_name, load_object
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan, RobotPlan
@@ -87,7 +87,8 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
         start_s = 0.0 if estimate is None else plan_start_s(estimate)
         figures += (write_plans(options.out / "plans.json", plans[0], start_s),)
         if estimate is not None:
-            figures += write_past_files(options.out, estimate)
+            written, left_out = write_past_files(options.out, estimate)
+            figures, note = figures + written, (*note, *left_out)
     return CommandOutcome(
         results={"plans": [plan.to_data() for plan in plans], **_estimate_results(estimate)},
         requirements=(*_requirements(plans), *_estimate_requirements(estimate)),

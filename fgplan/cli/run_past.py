@@ -12,13 +12,13 @@ from pathlib import Path
 from fgplan.errors import FgplanError, InvalidInputError, ScenarioError
 from fgplan.io.named_files import named_files
 from fgplan.io.past_estimate import PastEstimate, estimate_past
+from fgplan.io.past_formats import read_team_past
 from fgplan.io.past_scenario import DerivedScenario, derive_scenario
 from fgplan.io.place import Place
 from fgplan.io.run_folder import begin_run
 from fgplan.io.scenario import Scenario
 from fgplan.io.scenario_file import convert_table
 from fgplan.io.scenario_text import scenario_text
-from fgplan.io.team_past import read_team_past
 
 COPIED = "past"
 """Folder of a run folder that holds the log."""

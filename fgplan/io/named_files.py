@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from fgplan.io.mrclam_past import mrclam_files
 from fgplan.io.scenario import G2oPrior, Scenario
 from fgplan.io.user_object import is_object_name
 from roadmaps.map_yaml import parse_map_yaml
@@ -35,6 +36,9 @@ def named_files(scenario: Scenario, path: Path) -> tuple[Path, ...]:
             found.add(Path(text))
     if isinstance(scenario.prior, G2oPrior):
         found |= _log_files(folder, scenario.prior.files)
+    named_folder = getattr(scenario.prior, "folder", "")
+    if _is_below(named_folder) and (folder / named_folder).is_dir():
+        found |= {file.relative_to(folder) for file in mrclam_files(folder / named_folder)}
     named = scenario.world.map
     if named is not None and named.endswith((".yaml", ".yml")) and Path(named) in found:
         fields = parse_map_yaml((folder / named).read_text(encoding="utf-8"), folder / named)

@@ -94,7 +94,7 @@ def estimate_past(
             part that neither they nor a prior factor hold, the first pose of the first robot.
         sigmas: Standard deviations of held poses, 3 or 6 in GTSAM's order; 1 mm and 1 mrad if
             left out.
-        optimise: Whether to optimise; the initial values are kept otherwise.
+        optimise: Whether to optimise what is not estimated yet; the values are kept otherwise.
 
     Returns:
         The estimate.
@@ -138,6 +138,7 @@ def estimate_past(
     with gtsam_boundary("evaluating the past at its initial values"):
         before = after = float(graph.error(values))
     iterations, converged = 0, True
+    optimise = optimise and not past.estimated
     if optimise:
         relaxed = rotations_first(graph, values, next(iter(chosen))) if chosen else None
         if relaxed is not None and graph.error(relaxed) < before:

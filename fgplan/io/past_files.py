@@ -11,12 +11,14 @@ the plane, rows x y rotation_z; landmarks x y (z). By rows. g2o has no times: it
 0, 1, 2, ... seconds, and so is the plan that follows.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import gtsam
 import msgspec
 import numpy as np
 
@@ -27,7 +29,7 @@ from fgplan.io.g2o import write_g2o
 from fgplan.io.past_estimate import PastEstimate
 from fgplan.io.plain_value import plain_value
 from fgplan.io.plan_file import FRAME_ID
-from fgplan.io.pyfg import write_pyfg
+from fgplan.io.pyfg import pyfg_holds, write_pyfg
 from fgplan.io.result_file import replace_file
 from fgplan.io.ros_covariance import PLANAR_ROWS, ROS_ORDER, map_covariance
 from fgplan.io.tum import write_tum
@@ -71,7 +73,9 @@ def plan_start_s(estimate: PastEstimate) -> float:
     return max(stamps[key] for key in estimate.current_keys.values())
 
 
-def write_past_files(folder: Path, estimate: PastEstimate) -> tuple[Path, ...]:
+def write_past_files(
+    folder: Path, estimate: PastEstimate
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Write trajectories, pose graph and covariances into a run folder.
 
     Args:
@@ -79,11 +83,11 @@ def write_past_files(folder: Path, estimate: PastEstimate) -> tuple[Path, ...]:
         estimate: The past.
 
     Returns:
-        The files.
+        The files, and plain sentences: which factors the pose graph's format has no line for. They
+        stand in a comment of that file too.
 
     Raises:
-        InvalidInputError: If a file cannot be written, or the graph has a factor that neither
-            format holds.
+        InvalidInputError: If a file cannot be written.
         ScenarioError: If a file cannot be written.
     """
     tracks = folder / "trajectories"
@@ -98,7 +102,8 @@ def write_past_files(folder: Path, estimate: PastEstimate) -> tuple[Path, ...]:
         files.append(tracks / f"{quote(robot, safe='')}.tum")
         poses = np.array([estimate.belief.pose(key) for key in keys])
         write_tum(files[-1], [stamps[key] for key in keys], poses)
-    files.append(_write_graph(folder, estimate))
+    graph_file, notes = _write_graph(folder, estimate)
+    files.append(graph_file)
     files.append(folder / "covariances.json")
     entries = _covariances(estimate, stamps)
     held = {describe_key(key): sigmas for key, sigmas in estimate.held.items()}
@@ -109,7 +114,7 @@ def write_past_files(folder: Path, estimate: PastEstimate) -> tuple[Path, ...]:
         "covariances": entries,
     }
     replace_file(files[-1], msgspec.json.encode(plain_value(content)))
-    return tuple(files)
+    return tuple(files), notes
 
 
 def read_covariances(path: Path | str) -> dict[str, NamedCovariance]:
@@ -145,17 +150,30 @@ def read_covariances(path: Path | str) -> dict[str, NamedCovariance]:
     return found
 
 
-def _write_graph(folder: Path, estimate: PastEstimate) -> Path:
-    """The graph at the estimate, in the format that holds all of it."""
+def _write_graph(folder: Path, estimate: PastEstimate) -> tuple[Path, tuple[str, ...]]:
+    """The graph at the estimate, and what its format does not hold."""
     past, belief = estimate.past, estimate.belief
-    if not past.times_s:
+    if not past.times_s:  # only g2o has none, and what was read from g2o can be written
         path = folder / "pose_graph.g2o"
         write_g2o(path, past.graph, belief.values, tuple(estimate.held))
-        return path
+        return path, ()
     path = folder / "pose_graph.pyfg"
+    every = [belief.graph.at(index) for index in range(belief.graph.size())]
     stamps = [*past.stamps_s, *(past.times_s[key] for key in estimate.held)]
-    write_pyfg(path, belief.graph, belief.values, past.times_s, stamps or None)
-    return path
+    graph, kept = gtsam.NonlinearFactorGraph(), []
+    for index, factor in enumerate(every):
+        if pyfg_holds(factor):
+            graph.add(factor)
+            kept.append(index)
+    stamped = [stamps[index] for index in kept] if past.stamps_s else None
+    write_pyfg(path, graph, belief.values, past.times_s, stamped)
+    left = Counter(type(factor).__name__ for factor in every if not pyfg_holds(factor))
+    if not left:
+        return path, ()
+    what = ", ".join(f"{count} {name}" for name, count in sorted(left.items()))
+    note = f"{path.name} leaves out {what}: PyFactorGraph text has no line for them"
+    path.write_text(f"# {note}\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
+    return path, (note,)
 
 
 def _covariances(estimate: PastEstimate, stamps: Mapping[Key, float]) -> list[dict[str, Any]]:

@@ -7,8 +7,8 @@
     motion noise  variance a metre = sum of variances / sum of lengths over odometry edges
     speed         length over time of the odometry edges; 1 m/s where the log has no times
     factors       relative poses nearer than nine tenths of the distances at which robots measured
-    between       each other, with the mean covariance of these; ranges, at the same second, where
-    robots        these are all that they measured
+    between       each other, with the mean covariance of these; where they measured none, bearings
+    robots        and ranges, else ranges, of states a second apart at most
     sensors       ranges and bearing-ranges to mapped landmarks with the median noise of the log, as
                   far as the farthest of them
     objective     the preset length_and_uncertainty with the weights of Regev and Indelman 2017
@@ -46,6 +46,7 @@ _SAME_TIME_S = 1.0
 _NOISE_PER_METRE = 0.1
 _BETWEEN = gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3
 _PAIR_RANGE = gtsam.RangeFactorPose2 | gtsam.RangeFactorPose3
+_PAIR_SIGHT = gtsam.BearingRangeFactorPose2 | gtsam.BearingRangeFactorPose3
 _RANGE = gtsam.RangeFactor2D | gtsam.RangeFactor3D
 _BEARING_RANGE = gtsam.BearingRangeFactor2D | gtsam.BearingRangeFactor3D
 
@@ -120,6 +121,8 @@ def _prior(estimate: PastEstimate) -> dict[str, Any]:
     past = estimate.past
     if past.format == "pyfg":
         return {"kind": "pyfg", "file": f"past/{past.files[0].name}", "estimate": True}
+    if past.format == "mrclam":
+        return {"kind": "mrclam", "folder": "past"}
     return {
         "kind": "g2o",
         "files": ["past"],
@@ -180,7 +183,7 @@ def _motion(estimate: PastEstimate, odometry: Sequence[Any]) -> tuple[dict[str, 
 def _team(estimate: PastEstimate) -> tuple[dict[str, Any], str]:
     """Factors between robots, and what is said of them."""
     robot_of = estimate.past.robot_of
-    for kinds in (_BETWEEN, _PAIR_RANGE):
+    for kinds in (_BETWEEN, _PAIR_SIGHT, _PAIR_RANGE):
         found = [
             one
             for one in _factors(estimate, kinds)
@@ -196,6 +199,15 @@ def _team(estimate: PastEstimate) -> tuple[dict[str, Any], str]:
             what = "relative pose"
             rows = [_rounded(row) for row in covariance]
             model["sensor"] = {"kind": "relative_pose", "covariance": rows}
+        elif kinds is _PAIR_SIGHT:
+            what = "bearing and range"
+            sigmas = _rounded(np.sqrt(np.diag(covariance)))
+            model["sensor"] = {
+                "kind": "bearing_range",
+                "bearing_sigma_rad": sigmas[0],
+                "range_sigma_m": sigmas[-1],
+            }
+            model["time_tolerance_s"] = _SAME_TIME_S
         else:
             what = "range"
             sigma = _rounded(np.sqrt(covariance[0]))[0]

@@ -18,10 +18,18 @@ from fgplan.errors import ScenarioError
 from fgplan.evaluation.problem import PastState
 from fgplan.factors.keys import describe_key
 from fgplan.io.key_name import read_key
+from fgplan.io.mrclam_past import read_mrclam_past
 from fgplan.io.past_estimate import PastEstimate, estimate_past
 from fgplan.io.place import Place
 from fgplan.io.pose_numbers import gtsam_pose
-from fgplan.io.scenario import G2oPrior, PyfgPrior, PythonPrior, Scenario
+from fgplan.io.scenario import (
+    G2oPrior,
+    LogPrior,
+    MrclamPrior,
+    PyfgPrior,
+    PythonPrior,
+    Scenario,
+)
 from fgplan.io.scenario_file import landmark_name
 from fgplan.io.sensor_table import make_covariance
 from fgplan.io.team_past import TeamPast, is_pose, read_g2o_past, read_pyfg_past
@@ -67,7 +75,7 @@ def make_prior(scenario: Scenario, place: Place, estimate: PastEstimate | None =
     where = place.at("prior")
     table = scenario.prior
     past: tuple[PastState, ...] = ()
-    if isinstance(table, G2oPrior | PyfgPrior):
+    if isinstance(table, LogPrior):
         if estimate is None:
             estimate = _from_log(table, where)
         graph, values = estimate.belief.graph, estimate.belief.values
@@ -76,7 +84,7 @@ def make_prior(scenario: Scenario, place: Place, estimate: PastEstimate | None =
         graph, values, start_keys, past = _from_function(table, where)
     else:
         graph, values, start_keys = _from_starts(scenario, place)
-    if isinstance(table, G2oPrior | PyfgPrior | PythonPrior):
+    if isinstance(table, LogPrior | PythonPrior):
         _check_starts(scenario, start_keys, place)
     landmark_keys = _add_landmarks(scenario, graph, values, place)
     with where.checking():
@@ -84,7 +92,7 @@ def make_prior(scenario: Scenario, place: Place, estimate: PastEstimate | None =
         ordered = {robot.name: start_keys[robot.name] for robot in scenario.robots}
         if isinstance(table, G2oPrior) and table.past_step_s is not None:
             past = _past_states(belief, ordered, table.past_step_s)
-        elif isinstance(table, PyfgPrior) and table.past and estimate is not None:
+        elif isinstance(table, PyfgPrior | MrclamPrior) and table.past and estimate is not None:
             past = _timed_past_states(belief, estimate.past)
     return Prior(
         belief=belief,
@@ -119,8 +127,12 @@ def _from_starts(
     return graph, values, keys
 
 
-def _from_log(table: G2oPrior | PyfgPrior, place: Place) -> PastEstimate:
+def _from_log(table: LogPrior, place: Place) -> PastEstimate:
     """The team's past, estimated or as the files have it, held where they or the scenario say."""
+    if isinstance(table, MrclamPrior):
+        where = place.at("folder")
+        with where.checking():
+            return estimate_past(read_mrclam_past(_path_of(where, table.folder)))
     current = {
         robot: read_key(name, place.at(f"start_keys.{robot}"))
         for robot, name in table.start_keys.items()

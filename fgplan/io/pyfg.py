@@ -193,6 +193,11 @@ def write_pyfg(
     write_text_lines(path, lines)
 
 
+def pyfg_holds(factor: object) -> bool:
+    """Whether the format has a line for a factor of this type."""
+    return type(factor) in _TAGS
+
+
 def _parse_line(where: str, words: list[str]) -> GraphLine:
     """One line, its tag, field count, names and numbers checked."""
     tag = words[0]

@@ -260,6 +260,21 @@ class PyfgPrior(Table, frozen=True, tag_field="kind", tag="pyfg"):
     past: bool = False
 
 
+class MrclamPrior(Table, frozen=True, tag_field="kind", tag="mrclam"):
+    """``[prior] kind = "mrclam"``: the team's past as a UTIAS MR.CLAM folder, run through SLAM.
+
+    Attributes:
+        folder: The folder, relative to the scenario file.
+        past: Whether past poses, at their times, may take part in multi-robot factors.
+    """
+
+    folder: Name
+    past: bool = False
+
+
+LogPrior = G2oPrior | PyfgPrior | MrclamPrior
+
+
 class PythonPrior(Table, frozen=True, tag_field="kind", tag="python"):
     """``[prior] kind = "python"``: a user's own graph.
 
@@ -368,9 +383,7 @@ class Scenario(Table, frozen=True):
     targets: tuple[TargetTable, ...] = ()
     landmarks: tuple[LandmarkTable, ...] = ()
     team: TeamTable = field(default_factory=TeamTable)
-    prior: IndependentPrior | G2oPrior | PyfgPrior | PythonPrior = field(
-        default_factory=IndependentPrior
-    )
+    prior: IndependentPrior | LogPrior | PythonPrior = field(default_factory=IndependentPrior)
     objective: ObjectiveTable = field(default_factory=ObjectiveTable)
     simulation: SimulationTable = field(default_factory=SimulationTable)
 

@@ -2,7 +2,7 @@
 
     folder of *.g2o, or a .g2o file     one robot a file, or one graph of all
     .pyfg file                          PyFactorGraph, with times
-    folder with Barcodes.dat            UTIAS MR.CLAM
+    folder with Robot1_Odometry.dat     UTIAS MR.CLAM, see fgplan/io/mrclam_past.py
 
 Robots are told apart by the first letter of their poses' keys (GTSAM Symbols; of LabeledSymbols
 both letters), and where keys are plain numbers by the file that defines the pose. A robot's poses
@@ -10,7 +10,7 @@ are in the order of their keys, or of their times where the format has times. Wh
 out stands in ``notes``.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -42,6 +42,7 @@ class TeamPast:
         times_s: Time of each pose, seconds; empty where the format has none.
         stamps_s: Time of each factor, seconds; empty where the format has none.
         held: Poses that the files say are to be held (FIX lines).
+        estimated: Whether the values are a joint estimate already; nothing is optimised then.
         notes: Plain sentences: what was merged or left out.
     """
 
@@ -53,42 +54,13 @@ class TeamPast:
     times_s: Mapping[Key, float] = field(default_factory=dict)
     stamps_s: tuple[float, ...] = ()
     held: tuple[Key, ...] = ()
+    estimated: bool = False
     notes: tuple[str, ...] = ()
 
     @property
     def robot_of(self) -> dict[Key, str]:
         """Robot of each pose."""
         return {key: robot for robot, keys in self.robots.items() for key in keys}
-
-
-def is_team_past(path: Path) -> bool:
-    """Whether a path is a log to read rather than a scenario: a folder, a .g2o or a .pyfg file."""
-    return path.is_dir() or path.suffix.lower() in (".g2o", ".pyfg")
-
-
-def read_team_past(path: Path | str) -> TeamPast:
-    """Read a team's past, whatever its format.
-
-    Args:
-        path: A file or folder.
-
-    Returns:
-        The past.
-
-    Raises:
-        ScenarioError: If the format is not known (lists those that are), or the content is wrong.
-    """
-    path = Path(path)
-    if not path.exists():
-        raise ScenarioError(f"{path}: expected a file or folder, found none")
-    found = [name for name, (is_it, _) in READERS.items() if is_it(path)]
-    if len(found) != 1:
-        came = " and ".join(found) if found else "none of them"
-        raise ScenarioError(
-            f"{path}: expected a .g2o or .pyfg file, or a folder of one of {', '.join(READERS)}, "
-            f"got {came}"
-        )
-    return READERS[found[0]][1](path)
 
 
 def read_g2o_past(
@@ -227,21 +199,3 @@ def _letters(key: Key) -> str:
     if not 32 < character < 127:
         return ""
     return chr(character) + (chr(label) if 32 < label < 127 else "")
-
-
-def _has(pattern: str, suffix: str) -> Callable[[Path], bool]:
-    """Recognise a file by its suffix and a folder by what lies in it."""
-
-    def recognise(path: Path) -> bool:
-        if path.is_dir():
-            return any(path.glob(pattern))
-        return bool(suffix) and path.suffix.lower() == suffix
-
-    return recognise
-
-
-READERS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], TeamPast]]] = {
-    "g2o": (_has("*.g2o", ".g2o"), read_g2o_past),
-    "pyfg": (_has("*.pyfg", ".pyfg"), read_pyfg_past),
-}
-"""By format: what recognises a path, and what reads it."""

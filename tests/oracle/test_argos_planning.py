@@ -16,12 +16,12 @@ from fgplan.evaluation.from_scratch import FromScratch
 from fgplan.evaluation.incremental.evaluator import Incremental
 from fgplan.io.mission_file import make_mission
 from fgplan.io.past_estimate import estimate_past
+from fgplan.io.past_formats import read_team_past
 from fgplan.io.past_scenario import derive_scenario
 from fgplan.io.place import Place
 from fgplan.io.prior_table import make_prior
 from fgplan.io.scenario import Scenario
 from fgplan.io.scenario_file import convert_table
-from fgplan.io.team_past import read_team_past
 from fgplan.models.pose import check_pose
 from fgplan.planners.impacted_paths.candidates import candidate_sets
 from fgplan.planners.impacted_paths.options import CandidateOptions

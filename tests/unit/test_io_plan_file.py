@@ -1,5 +1,7 @@
 """Plans and covariances as ROS has them: order and frame by finite differences, round trips."""
 
+from dataclasses import replace
+
 import gtsam
 import msgspec
 import numpy as np
@@ -231,7 +233,8 @@ def small_past(planar, times):
 @pytest.mark.parametrize("times", [(), (0.5, 1.5, 0.25, 2.5)])
 def test_past_is_written_in_forms_that_others_read(tmp_path, planar, times):
     estimate = estimate_past(small_past(planar, times))
-    files = write_past_files(tmp_path, estimate)
+    files, notes = write_past_files(tmp_path, estimate)
+    assert notes == ()
     graph = "pose_graph.pyfg" if times else "pose_graph.g2o"
     names = {str(file.relative_to(tmp_path)) for file in files}
     assert names == {"trajectories/A.tum", "trajectories/B%2F1.tum", graph, "covariances.json"}
@@ -272,6 +275,26 @@ def test_past_is_written_in_forms_that_others_read(tmp_path, planar, times):
     np.testing.assert_allclose(landmark.covariance, exact, rtol=1e-9)
     content = msgspec.json.decode((tmp_path / "covariances.json").read_bytes())
     assert content["held"] == {"A0": [1e-3] * len(order)}
+
+
+def test_factors_that_the_format_does_not_hold_are_named(tmp_path):
+    past = small_past(True, (0.5, 1.5, 0.25, 2.5))
+    first, second = symbol("A", 1), symbol("B", 1)
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, 0.1)
+    for _ in range(2):
+        sight = gtsam.BearingRangeFactorPose2(first, second, gtsam.Rot2(0.1), 2.0, noise)
+        past.graph.add(sight)
+    estimate = estimate_past(replace(past, stamps_s=(*past.stamps_s, 3.0, 3.5)))
+    _, notes = write_past_files(tmp_path, estimate)
+    assert notes == (
+        "pose_graph.pyfg leaves out 2 BearingRangeFactorPose2: PyFactorGraph text has no line for "
+        "them",
+    )
+    path = tmp_path / "pose_graph.pyfg"
+    assert path.read_text().startswith(f"# {notes[0]}\n")
+    read = read_pyfg(path)
+    assert read.graph.size() == estimate.belief.graph.size() - 2
+    assert read.stamps_s == (1.5, 2.5, 2.5, 2.5, 0.5)
 
 
 def test_what_an_earlier_run_left_goes(tmp_path):

@@ -10,10 +10,11 @@ from gtsam import symbol
 
 from fgplan.errors import IllPosedBeliefError, InvalidInputError, ScenarioError
 from fgplan.io.past_estimate import estimate_past
+from fgplan.io.past_formats import is_team_past, read_team_past
 from fgplan.io.past_scenario import derive_scenario
 from fgplan.io.rotation_first import rotations_first
 from fgplan.io.scenario_text import scenario_text
-from fgplan.io.team_past import is_team_past, read_g2o_past, read_pyfg_past, read_team_past
+from fgplan.io.team_past import read_g2o_past, read_pyfg_past
 
 ARGOS = Path(__file__).parents[2] / "examples" / "data" / "argos_10_robots"
 GRID = Path(__file__).parents[1] / "data" / "g2o" / "smallGrid3D.g2o"
