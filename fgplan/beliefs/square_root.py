@@ -10,7 +10,7 @@ that were eliminated last is what R ends with.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class SquareRootFactor:
         value_start: Shape (n + 1,), into ``values``.
         values: Block rows [R S], each row-major of shape (d, d + separator), diagonal >= 0.
         position: Place of each key in the order.
+        remembered: Rows that were last asked for, by keys: all robots of a team ask for the same.
+            A memory that may be cleared at any time without changing a result.
     """
 
     keys: tuple[Key, ...]
@@ -58,6 +60,7 @@ class SquareRootFactor:
     value_start: IntArray
     values: FloatArray
     position: dict[Key, int]
+    remembered: dict[tuple[Key, ...], FloatArray] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -89,6 +92,8 @@ class SquareRootFactor:
             UnknownNameError: If a key was not kept.
         """
         wanted = self.kept if keys is None else tuple(keys)
+        if wanted in self.remembered:
+            return self.remembered[wanted], self._dims_of(wanted)
         unkept = [key for key in wanted if key not in set(self.kept)]
         if unkept or len(set(wanted)) != len(wanted):
             raise UnknownNameError(
@@ -102,7 +107,9 @@ class SquareRootFactor:
         if columns != self.kept:
             dense = triangular(dense)
         first = int(sum(self._dims_of(rest)))
-        return frozen(dense[first:, first:]), self._dims_of(wanted)
+        self.remembered.clear()
+        self.remembered[wanted] = frozen(dense[first:, first:])
+        return self.remembered[wanted], self._dims_of(wanted)
 
     def covariance(self, rows: Sequence[Key], columns: Sequence[Key] | None = None) -> FloatArray:
         """Joint marginal covariance of keys, or the block between two lists of keys.
@@ -167,19 +174,22 @@ class SquareRootFactor:
 
     def _kept_rows(self, columns: Sequence[Key]) -> FloatArray:
         """Dense block rows of the kept keys, columns in the order given."""
+        from fgplan.beliefs.square_root_kernels import fill_block_rows
+
         dims = self._dims_of(columns)
-        start = dict(zip(columns, (np.cumsum(dims) - dims).tolist(), strict=True))
+        start = np.full(len(self.keys), -1, np.int64)
+        start[self._positions(columns)] = np.cumsum(dims) - dims
         dense = np.zeros((int(dims.sum()), int(dims.sum())))
-        filled = 0
-        for key in self.kept:
-            row, others = self.block_row(key)
-            column = 0
-            for other in (key, *others):
-                dim = int(self.dims[self.position[other]])
-                block = row[:, column : column + dim]
-                dense[filled : filled + row.shape[0], start[other] : start[other] + dim] = block
-                column += dim
-            filled += row.shape[0]
+        fill_block_rows(
+            self._positions(self.kept),
+            self.dims,
+            self.separator_start,
+            self.separators,
+            self.value_start,
+            self.values,
+            start,
+            dense,
+        )
         return dense
 
 

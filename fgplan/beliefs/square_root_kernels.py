@@ -237,3 +237,44 @@ def eliminate_rows(
             next_sibling[position] = first_child[above]
             first_child[above] = position
     return value_start, values, deficient
+
+
+@njit(cache=True)
+def fill_block_rows(
+    positions: IntArray,
+    dims: IntArray,
+    separator_start: IntArray,
+    separators: IntArray,
+    value_start: IntArray,
+    values: FloatArray,
+    start: IntArray,
+    dense: FloatArray,
+) -> None:
+    """Write the block rows of some variables into a dense matrix, one below the other.
+
+    Args:
+        positions: Positions of the variables.
+        dims: Tangent dimension of every variable.
+        separator_start: Shape (n + 1,), into ``separators``.
+        separators: Positions of the later variables that a block row touches.
+        value_start: Shape (n + 1,), into ``values``.
+        values: Block rows [R S], each row-major.
+        start: First column of every variable in the matrix.
+        dense: Out: the matrix, zero before.
+    """
+    filled = 0
+    for place in positions:
+        dim = dims[place]
+        first, last = separator_start[place], separator_start[place + 1]
+        width = (value_start[place + 1] - value_start[place]) // dim
+        for r in range(dim):
+            at = value_start[place] + r * width
+            for b in range(dim):
+                dense[filled + r, start[place] + b] = values[at]
+                at += 1
+            for s in range(first, last):
+                other = separators[s]
+                for b in range(dims[other]):
+                    dense[filled + r, start[other] + b] = values[at]
+                    at += 1
+        filled += dim

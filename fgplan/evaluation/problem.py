@@ -114,6 +114,7 @@ class PlanningProblem:
         """
         dim = self.dim
         starts: dict[str, Pose] = {}
+        landmarks: set[Key] = set()
         for path in paths:
             if path.robot not in self.start_keys:
                 known = ", ".join(self.robots)
@@ -126,14 +127,15 @@ class PlanningProblem:
             if path.robot not in starts:
                 starts[path.robot] = self.prior.pose(self.start_keys[path.robot])
             self._check_start(path, starts[path.robot])
-            for seen in path.observations:
-                if seen.sensor not in self.sensors:
+            for sensor in {seen.sensor for seen in path.observations}:
+                if sensor not in self.sensors:
                     known = ", ".join(self.sensors) or "none"
                     raise UnknownNameError(
-                        f"path of robot {path.robot!r}: sensor {seen.sensor!r} is not one of: "
-                        f"{known}"
+                        f"path of robot {path.robot!r}: sensor {sensor!r} is not one of: {known}"
                     )
-                self.prior.dim(seen.landmark)
+            landmarks.update(seen.landmark for seen in path.observations)
+        for landmark in sorted(landmarks):
+            self.prior.dim(landmark)
 
     def check_path(self, path: CandidatePath) -> None:
         """Check one path, see ``check_paths``."""

@@ -135,8 +135,11 @@ def _observation_marks(observed: Mapping[int, tuple[Observation, ...]], size: in
     """A number for what each state observes: the same for the same observations, 0 for none."""
     marks = np.zeros(size, np.int64)
     known: dict[tuple[object, ...], int] = {}
+    # most observations share the very array of their noise: its bytes are taken once
+    noises = {id(o.covariance): o.covariance for seen in observed.values() for o in seen}
+    noise = {which: np.asarray(array).tobytes() for which, array in noises.items()}
     for at, seen_here in observed.items():
-        name = tuple((o.landmark, o.sensor, np.asarray(o.covariance).tobytes()) for o in seen_here)
+        name = tuple((o.landmark, o.sensor, noise[id(o.covariance)]) for o in seen_here)
         marks[at] = known.setdefault(name, len(known) + 1)
     return marks
 

@@ -12,14 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.problem import PastState, PlanningProblem
 from fgplan.models.pose import PLANAR_DIM
 from fgplan.models.relative_pose import RelativePoseSensor
-from fgplan.paths.candidate_path import CandidatePath, Observation
+from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
 from fgplan.paths.state import State
-from fgplan.typing import FloatArray, IntArray, Key
+from fgplan.typing import FloatArray, IntArray
 
 
 class FactorBlocks(NamedTuple):
@@ -136,23 +135,6 @@ def merge(tables: Sequence[FactorBlocks]) -> FactorBlocks:
         np.concatenate([t.cross for t in tables])[order],
         np.concatenate([t.other for t in tables])[order],
     )
-
-
-def observation_rows(
-    problem: PlanningProblem,
-    pose: FloatArray,
-    observations: Sequence[Observation],
-    variable_of: Callable[[Key], int],
-    lineariser: Lineariser,
-) -> list[tuple[int, FloatArray, FloatArray]]:
-    """Whitened rows of the observations from one state."""
-    rows = []
-    for seen in observations:
-        sensor = problem.sensors[seen.sensor]
-        landmark = problem.prior.point(seen.landmark)
-        found = lineariser.rows(sensor, pose, landmark, np.asarray(seen.covariance))
-        rows.append((variable_of(seen.landmark), *found))
-    return rows
 
 
 def joint_rows(

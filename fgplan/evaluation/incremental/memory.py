@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
-from fgplan.evaluation.incremental.linearisations import Linearisations
 from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
@@ -40,7 +39,6 @@ class Memory:
         moving: Factors of the own states with announced poses, at the last evaluation.
         pools: Messages that may be used again.
         terms: Shape (N, T), unweighted terms at the last evaluation; NaN where not evaluated.
-        linearisations: Whitened Jacobians of the candidates' planned observations.
         segments: Segments of the candidates, from the second planning session on.
         segments_told: Whether a report has counted them.
     """
@@ -60,7 +58,6 @@ class Memory:
     moving: FactorBlocks
     pools: tuple[MessagePool, ...] = ()
     terms: FloatArray | None = None
-    linearisations: Linearisations
     segments: Segments | None = None
     segments_told: bool = True
 
@@ -75,7 +72,6 @@ class Memory:
         return (
             sum(pool.bytes for pool in self.pools)
             + (0 if self.segments is None else self.segments.bytes)
-            + self.linearisations.bytes
             + sum(int(piece.blocks.nbytes) for piece in self.pieces())
             + self.moving.bytes
             + self.fixed.bytes

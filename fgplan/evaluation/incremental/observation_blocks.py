@@ -4,7 +4,7 @@ The library's own planar sensors are linearised all at once by a kernel; any oth
 robots in space, one observation after the other by the sensor itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from fgplan.evaluation.incremental.factor_blocks import FactorBlocks, stack_rows
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.models.pose import PLANAR_DIM
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
+from fgplan.models.sensor import AbstractSensor
 from fgplan.paths.candidate_path import Observation
 from fgplan.typing import FloatArray, IntArray, Key
 
@@ -45,15 +46,12 @@ def observation_blocks(
     variables = {key: variable_of(key) for key in keys}
     planar = problem.dim == PLANAR_DIM and all(problem.prior.dim(key) == 2 for key in keys)
     if planar and all(type(sensor) in _ROWS for sensor in sensors.values()):
-        found = _compiled(problem, poses, observations, flat, variables)
+        found = _compiled(problem, poses, observations, flat, variables, sensors)
         if found is not None:
             return found
     return stack_rows(
         [
-            [
-                (variables[seen.landmark], *observation_rows(problem, pose, seen))
-                for seen in here
-            ]
+            [(variables[seen.landmark], *observation_rows(problem, pose, seen)) for seen in here]
             for pose, here in zip(poses, observations, strict=True)
         ],
         problem.dim,
@@ -74,6 +72,7 @@ def _compiled(
     observations: Sequence[Sequence[Observation]],
     flat: Sequence[Observation],
     variables: dict[Key, int],
+    sensors: Mapping[str, AbstractSensor],
 ) -> FactorBlocks | None:
     """All at once; None where the sensors themselves must say what is wrong."""
     from fgplan.evaluation.incremental.observation_kernels import observation_information
@@ -82,7 +81,11 @@ def _compiled(
     pointer = np.zeros(len(counts) + 1, np.int64)
     np.cumsum(counts, out=pointer[1:])
     size = len(flat)
-    kinds = {name: _ROWS[type(sensor)] for name, sensor in problem.sensors.items() if type(sensor) in _ROWS}  # type: ignore[index]
+    kinds = {
+        name: _ROWS[type(sensor)]
+        for name, sensor in problem.sensors.items()
+        if type(sensor) in _ROWS
+    }  # type: ignore[index]
     rows = np.array([kinds[seen.sensor] for seen in flat], dtype=bool).reshape(size, 2)
     rank: IntArray = rows.sum(axis=1).astype(np.int64)
     noise = np.zeros((size, 2, 2))

@@ -12,7 +12,7 @@ noise: the same rows as fgplan.models.range_bearing.
 import numpy as np
 from numba import njit
 
-from fgplan.typing import BoolArray, FloatArray, IntArray
+from fgplan.typing import BoolArray, FloatArray
 
 
 @njit(cache=True)

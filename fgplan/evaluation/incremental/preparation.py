@@ -13,10 +13,9 @@ import numpy as np
 from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.evaluation.incremental.candidate_table import CandidateTable, tabulate
 from fgplan.evaluation.incremental.factor_blocks import no_blocks
-from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.numbering import Numbering
-from fgplan.evaluation.incremental.prior_marginal import eliminate_history, needed_keys, restrict
+from fgplan.evaluation.incremental.prior_marginal import eliminate_history, numbered_keys, restrict
 from fgplan.evaluation.incremental.segments import (
     Carried,
     Segments,
@@ -51,8 +50,7 @@ def prepare(
     table = _tabulated(problem, robot, candidates)
     touched = _touched(problem, table)
     wide = eliminate_history(problem, touched)
-    numbering = Numbering(problem.robots, FIRST_CAPACITY, needed_keys(problem, touched))
-    lineariser = Lineariser(None if carried is None else carried.linearisations)
+    numbering = Numbering(problem.robots, FIRST_CAPACITY, numbered_keys(problem, wide, touched))
     own = own_states(problem, table)
     memory = Memory(
         problem=problem,
@@ -61,11 +59,10 @@ def prepare(
         wide=wide,
         numbering=numbering,
         prior=restrict(wide, numbering.prior_keys),
-        fixed=fixed_blocks(problem, numbering, own, table.observations, lineariser),
+        fixed=fixed_blocks(problem, numbering, own, table.observations),
         prior_blocks=prior_covariances(problem),
         path_terms=_path_terms(problem, robot, candidates),
         moving=no_blocks(len(table.poses), problem.dim),
-        linearisations=lineariser.linearisations(),
     )
     return memory if carried is None else _with_segments(memory, carried, memory_bytes)
 
@@ -73,7 +70,7 @@ def prepare(
 def carry(memory: Memory, memory_bytes: int) -> Carried:
     """What the next session may use, see ``Incremental.carry``."""
     segments = memory.segments or _segments(memory, None)
-    return carry_segments(segments, memory.numbering, memory.linearisations, memory_bytes)
+    return carry_segments(segments, memory.numbering, memory_bytes)
 
 
 def exchange(
@@ -90,12 +87,11 @@ def exchange(
     candidates = [*(memory.table.paths[place] for place in places.tolist()), *new]
     table = _tabulated(problem, memory.robot, candidates)
     grown = with_keys(memory, _touched(problem, table))
-    lineariser, own = Lineariser(memory.linearisations), own_states(problem, table)
+    own = own_states(problem, table)
     after = replace(
         grown,
         table=table,
-        fixed=fixed_blocks(problem, grown.numbering, own, table.observations, lineariser),
-        linearisations=lineariser.linearisations(),
+        fixed=fixed_blocks(problem, grown.numbering, own, table.observations),
         path_terms=_path_terms(problem, memory.robot, candidates),
     )
     if memory.segments is not None:

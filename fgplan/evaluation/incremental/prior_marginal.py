@@ -11,7 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import qr
+from scipy.sparse import csgraph
 
 from fgplan.evaluation.objective import PriorVariables, UncertaintyTerm
 from fgplan.evaluation.problem import PlanningProblem
@@ -19,6 +21,10 @@ from fgplan.typing import FloatArray, IntArray, Key
 
 KEPT_SCALARS = 1500
 """Most scalars that the one elimination of the history leaves."""
+
+NEARLY_ALL, FEW_SCALARS = 2.0, 250
+"""Nothing is left out of a marginal that has at most so many times the scalars that are touched, or
+so few: the larger S costs less than one QR more at every announcement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +79,25 @@ def needed_keys(problem: PlanningProblem, touched: Iterable[Key]) -> tuple[Key, 
     return tuple(keys)
 
 
+def numbered_keys(
+    problem: PlanningProblem, wide: PriorMarginal, touched: Iterable[Key]
+) -> tuple[Key, ...]:
+    """Variables of the prior that take part in S.
+
+    Args:
+        problem: Holds the prior.
+        wide: Marginal that holds all of ``touched``.
+        touched: Keys that paths touch so far.
+
+    Returns:
+        The needed ones; all of the marginal where those are nearly all, so that announcements
+        which touch the rest do not ask for another QR.
+    """
+    keys = needed_keys(problem, touched)
+    scalars = sum(problem.prior.dim(key) for key in keys)
+    return wide.keys if wide.dims.sum() <= max(FEW_SCALARS, NEARLY_ALL * scalars) else keys
+
+
 def restrict(wide: PriorMarginal, keys: Sequence[Key]) -> PriorMarginal:
     """Marginal of some of the variables, by QR with the others first.
 
@@ -102,10 +127,14 @@ def _marginal(
     """Find the connected components: variables that share a row of R."""
     widths = np.asarray(dims, np.int64)
     offsets = np.cumsum(widths) - widths
-    owner = np.repeat(np.arange(len(keys)), widths)
-    groups = np.arange(len(keys))
-    for row in rows:
-        members = np.unique(groups[owner[np.flatnonzero(row)]])
-        if len(members) > 1:
-            groups[np.isin(groups, members)] = members[0]
+    size = len(keys)
+    row, scalar = np.nonzero(rows)
+    owner = np.repeat(np.arange(size), widths)
+    # rows and variables are the two sides of a graph
+    sides = sparse.coo_array(
+        (np.ones(len(row), np.int8), (owner[scalar], size + row)),
+        shape=(2 * (size + len(rows)),) * 2,
+    )
+    _, labels = csgraph.connected_components(sides, directed=False)
+    groups = np.asarray(labels[:size], np.int64)
     return PriorMarginal(keys, widths, offsets, np.ascontiguousarray(rows), groups)

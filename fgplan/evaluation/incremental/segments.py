@@ -23,7 +23,6 @@ import numpy as np
 
 from fgplan.evaluation.incremental.candidate_table import CandidateTable
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
-from fgplan.evaluation.incremental.linearisations import Linearisations
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.segment_pool import (
     CandidateSegments,
@@ -46,18 +45,16 @@ class Carried:
         places: Place in the pool by the segment's content.
         keys: Prior variables; the pool's slots name them by index.
         pool: Messages of segments.
-        linearisations: Whitened Jacobians of planned observations.
     """
 
     places: Mapping[bytes, int]
     keys: tuple[Key, ...]
     pool: SegmentPool
-    linearisations: Linearisations
 
     @property
     def bytes(self) -> int:
         """Memory held."""
-        return self.pool.bytes + sum(map(len, self.places)) + self.linearisations.bytes
+        return self.pool.bytes + sum(map(len, self.places))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,24 +142,20 @@ def hold_segments(
     )
 
 
-def carry_segments(
-    segments: Segments, numbering: Numbering, linearisations: Linearisations, memory_bytes: int
-) -> Carried:
+def carry_segments(segments: Segments, numbering: Numbering, memory_bytes: int) -> Carried:
     """What a later session may use.
 
     Args:
         segments: Segments of the candidates.
         numbering: Numbers of variables.
-        linearisations: Whitened Jacobians of the candidates' planned observations.
-        memory_bytes: Most memory: linearisations come first, then the first segments that fit.
+        memory_bytes: Most memory: the first segments that fit are kept.
 
     Returns:
         It.
     """
     base = len(numbering.robots) * numbering.capacity
-    linearisations = linearisations.first(memory_bytes)
     each = segments.pool.bytes_each() + np.array([len(name) for name in segments.names])
-    room = memory_bytes - linearisations.bytes
+    room = memory_bytes
     chosen = np.arange(int(np.searchsorted(np.cumsum(each), room, side="right")))
     pool = take_segments(segments.pool, chosen)
     used, index = np.unique(pool.slot_variable - base, return_inverse=True)
@@ -170,7 +163,6 @@ def carry_segments(
         places={segments.names[place]: place for place in chosen.tolist()},
         keys=tuple(numbering.prior_keys[place] for place in used.tolist()),
         pool=pool._replace(slot_variable=index.astype(np.int64)),
-        linearisations=linearisations,
     )
 
 

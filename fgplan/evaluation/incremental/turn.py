@@ -25,7 +25,6 @@ from fgplan.evaluation.incremental.impact import (
     same_path,
     touched_candidates,
 )
-from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import eliminate_history, restrict
@@ -180,15 +179,13 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
     while capacity < longest:
         capacity *= 2
     fresh = replace(grown.numbering, capacity=capacity)
-    table, lineariser = memory.table, Lineariser(memory.linearisations)
+    table = memory.table
     shift = len(fresh.robots) * (capacity - numbering.capacity)
     grown = replace(
         grown,
         numbering=fresh,
         segments=None if memory.segments is None else shifted(memory.segments, shift),
-        fixed=fixed_blocks(
-            problem, fresh, own_states(problem, table), table.observations, lineariser
-        ),
+        fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
         own_pieces={r: (p, path_blocks(problem, fresh, p)) for r, p in memory.announced.items()},
         meetings=_meetings(problem, fresh, memory.announced),
         pools=(),

@@ -20,13 +20,11 @@ from fgplan.evaluation.incremental.factor_blocks import (
     merge,
     multi_robot_blocks,
     no_blocks,
-    observation_rows,
     past_states_of,
-    stack_rows,
     states_of,
 )
-from fgplan.evaluation.incremental.linearisations import Lineariser
 from fgplan.evaluation.incremental.numbering import Numbering
+from fgplan.evaluation.incremental.observation_blocks import observation_blocks
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
 from fgplan.evaluation.problem import PlanningProblem
@@ -75,7 +73,7 @@ def path_blocks(
     seen: list[list[Observation]] = [[] for _ in range(path.steps)]
     for observation in path.observations:
         seen[observation.step - 1].append(observation)
-    fixed = fixed_blocks(problem, numbering, states_of(problem, [path]), seen, Lineariser())
+    fixed = fixed_blocks(problem, numbering, states_of(problem, [path]), seen)
     row, column, needed, blocks = _of_factors(fixed, number)
     return InformationBlocks(
         np.concatenate([number, number, before, row]),
@@ -90,7 +88,6 @@ def fixed_blocks(
     numbering: Numbering,
     own: StateSet,
     observations: Sequence[Sequence[Observation]],
-    lineariser: Lineariser,
 ) -> FactorBlocks:
     """Factors of some states that do not depend on announcements: landmarks and past poses.
 
@@ -99,22 +96,13 @@ def fixed_blocks(
         numbering: Numbers of variables.
         own: A states of one robot.
         observations: Planned observations of landmarks from each.
-        lineariser: Linearises them.
 
     Returns:
         The table over the A states.
     """
     tables = []
     if any(observations):
-        tables.append(
-            stack_rows(
-                [
-                    observation_rows(problem, pose, seen, numbering.prior, lineariser)
-                    for pose, seen in zip(own.poses, observations, strict=True)
-                ],
-                problem.dim,
-            )
-        )
+        tables.append(observation_blocks(problem, own.poses, observations, numbering.prior))
     robot = numbering.robots[own.places[0]]
     known = set(numbering.prior_keys)
     past = [p for p in problem.past_states if p.state.robot != robot and p.key in known]

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from fgplan.evaluation.incremental.factor_blocks import joint_rows, observation_rows
-from fgplan.evaluation.incremental.linearisations import Lineariser
+from fgplan.evaluation.incremental.factor_blocks import joint_rows
 from fgplan.evaluation.incremental.numbering import Numbering
+from fgplan.evaluation.incremental.observation_blocks import observation_rows
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.models.pose import adjoint, between
@@ -70,7 +70,7 @@ def path_rows(
         for p in problem.past_states
         if p.state.robot != path.robot and p.key in numbering.prior_keys
     ]
-    order, lineariser = problem.robots.index(path.robot), Lineariser()
+    order = problem.robots.index(path.robot)
     for step in range(1, path.steps + 1):
         if at[step] < 0:
             break
@@ -78,9 +78,11 @@ def path_rows(
         weight = np.linalg.inv(np.linalg.cholesky(path.motion_covariances[step - 1]))
         by_old = -weight @ adjoint(between(after, before))
         factors.append([(at[step - 1], by_old), (at[step], weight)])
-        seen = [o for o in path.observations if o.step == step]
-        rows = observation_rows(problem, path.poses[step], seen, numbering.prior, lineariser)
-        factors += [[(at[step], own), (int(column[v]), other)] for v, own, other in rows]
+        for seen in path.observations:
+            if seen.step == step:
+                own, other = observation_rows(problem, path.poses[step], seen)
+                variable = numbering.prior(seen.landmark)
+                factors.append([(at[step], own), (int(column[variable]), other)])
         state = path.state(step)
         for p in past:
             first = problem.robots.index(p.state.robot) < order
