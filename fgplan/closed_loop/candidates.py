@@ -3,9 +3,8 @@
 A robot that has executed t steps of its chosen path keeps the candidates that share those t steps
 from step t + 1 on. From the others it has departed: such a candidate is kept from the pose after
 the one nearest to the robot, and the way there is straight. Whatever lies behind where a kept
-candidate is joined keeps its poses, bit by bit; only the first motion starts somewhere else. A
-candidate whose way or tail is blocked by an obstacle that was not known is given up, and new
-candidates from where the robot stands take the places of those.
+candidate is joined keeps its poses, bit by bit; only the motions up to there are new. A candidate
+whose way or tail is blocked by an obstacle that was not known is given up.
 """
 
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fgplan.closed_loop.free_place import nearest_free_place
 from fgplan.closed_loop.mission import LoopRobot
 from fgplan.models.motion import MotionModel
 from fgplan.models.pose import position
@@ -24,37 +24,36 @@ from roadmaps import VertexPath, Workspace, headings, space_positions
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
-    """One robot on its way to one goal.
+    """One robot on its way to one goal, between two planning sessions.
 
     Attributes:
         robot: Name.
         goal: Place of the goal among the robot's goals, from 0.
         candidates: Candidate paths of the last session; pose 0 is where the robot was then.
-        chosen: Index of the path that is executed; None before the first session of the leg.
+        chosen: Index of the path that is executed.
         taken: Steps of it executed since.
     """
 
     robot: str
     goal: int
-    candidates: tuple[CandidatePath, ...] = ()
-    chosen: int | None = None
+    candidates: tuple[CandidatePath, ...]
+    chosen: int
     taken: int = 0
 
     @property
-    def path(self) -> CandidatePath | None:
+    def path(self) -> CandidatePath:
         """The path that is executed."""
-        return None if self.chosen is None else self.candidates[self.chosen]
+        return self.candidates[self.chosen]
 
     @property
     def target(self) -> Pose:
-        """Pose to which the next step leads."""
-        assert self.path is not None
+        """Pose to which the next step leads; there is one until the robot has arrived."""
         return self.path.poses[self.taken + 1]
 
     @property
     def arrived(self) -> bool:
         """Whether the path has been executed to its end."""
-        return self.path is not None and self.taken == self.path.steps
+        return self.taken == self.path.steps
 
 
 def new_candidates(
@@ -81,7 +80,7 @@ def new_candidates(
         CandidatePath(
             robot=path.robot,
             poses=path.poses,
-            times_s=step_s * np.arange(path.steps + 1),
+            times_s=np.arange(path.steps + 1, dtype=np.float64) * step_s,
             motion_covariances=path.motion_covariances,
             vertices=path.vertices,
             length_m=path.length_m,
@@ -101,7 +100,7 @@ def kept_candidates(
     """What is left of a leg's candidates from where the robot stands now; see the module header.
 
     Args:
-        leg: Robot, candidates, and how far it has gone along the chosen one.
+        leg: Robot, candidates, and how far it has gone along the chosen one; it has not arrived.
         estimate: Its estimated pose.
         motion: Noise of its planned motion steps.
         workspace: Bounds and the obstacles known now.
@@ -112,39 +111,32 @@ def kept_candidates(
         Distinct paths without observations, the rest of the chosen path first if it is free; and
         how many were given up because an obstacle blocks them.
     """
-    assert leg.path is not None
-    assert leg.chosen is not None
+    here = position(estimate)[:2]
+    free = nearest_free_place(workspace, here)
+    if free is None:
+        return (), len(leg.candidates)
+    way_in = np.array([here]) if (free == here).all() else np.array([here, free])
     order = [leg.chosen, *(i for i in range(len(leg.candidates)) if i != leg.chosen)]
     walked = leg.path.poses[1 : leg.taken + 1].tobytes()
     found: dict[bytes, CandidatePath] = {}
     blocked = 0
     for index in order:
         path = leg.candidates[index]
-        if path.poses[1 : leg.taken + 1].tobytes() == walked and path.steps > leg.taken:
-            entry = leg.taken + 1
-        else:
-            entry = _entry(path, position(estimate))
-        joined = _joined(path, entry, estimate, motion, spacing_m, step_s)
-        places = np.array([position(pose)[:2] for pose in joined.poses])
-        free = workspace.are_motions_valid(places[:-1], places[1:])[1:].all()
-        if free and _is_reached(workspace, places):
+        follows = path.poses[1 : leg.taken + 1].tobytes() == walked and path.steps > leg.taken
+        entry = leg.taken + 1 if follows else _entry(path, here)
+        tail = np.array([position(pose)[:2] for pose in path.poses[entry:]])
+        places = np.concatenate([way_in[-1:], tail])
+        if workspace.are_motions_valid(places[:-1], places[1:]).all():
+            joined = _joined(path, entry, estimate, way_in, motion, spacing_m, step_s)
             found.setdefault(joined.poses.tobytes(), joined)
         else:
             blocked += 1
     return tuple(found.values()), blocked
 
 
-def _is_reached(workspace: Workspace, places: FloatArray) -> bool:
-    """Whether the first motion is free; an estimate in an obstacle's margin does not count."""
-    start, first = places[0], places[1]
-    if not workspace.are_positions_valid(start)[0]:
-        return bool(workspace.are_positions_valid(first)[0])
-    return bool(workspace.are_motions_valid(start, first)[0])
-
-
 def _entry(path: CandidatePath, here: FloatArray) -> int:
     """Step after the nearest one of a path that the robot has departed from."""
-    places = np.array([position(pose) for pose in path.poses[1:]])
+    places = np.array([position(pose)[:2] for pose in path.poses[1:]])
     nearest = 1 + int(np.argmin(np.linalg.norm(places - here, axis=1)))
     return min(nearest + 1, path.steps)
 
@@ -153,34 +145,36 @@ def _joined(
     path: CandidatePath,
     entry: int,
     estimate: Pose,
+    way_in: FloatArray,
     motion: MotionModel,
     spacing_m: float,
     step_s: float,
 ) -> CandidatePath:
-    """Straight from the estimate to one of a path's steps, then along it."""
-    goal = path.poses[entry]
-    ends = np.array([position(estimate)[:2], position(goal)[:2]])
-    between = space_positions(ends, spacing_m)[1:-1] if (ends[0] != ends[1]).any() else ends[:0]
-    head = np.repeat(np.asarray(goal)[None], len(between), axis=0)
-    if len(between):
-        heading = float(headings(ends)[1])
-        if head.ndim == 2:
-            head[:, :2], head[:, 2] = between, heading
-        else:
-            head[:, :2, 3] = between
-            head[:, :3, :3] = _turned(heading)
+    """Along a way that begins at the estimate to one of a path's steps, then along the path."""
+    ends = np.concatenate([way_in, position(path.poses[entry])[None, :2]])
+    places = space_positions(ends, spacing_m)
+    head = np.repeat(path.poses[entry][None], len(places) - 2, axis=0)
+    angles = headings(places)[1:-1]
+    if head.ndim == 2:
+        head[:, :2], head[:, 2] = places[1:-1], angles
+    else:
+        head[:, :2, 3] = places[1:-1]
+        head[:, :3, :3] = _turned(angles)
     poses = np.concatenate([np.asarray(estimate)[None], head, path.poses[entry:]])
     first = motion.covariances(poses[: len(head) + 2])
     return CandidatePath(
         robot=path.robot,
         poses=poses,
-        times_s=step_s * np.arange(len(poses)),
+        times_s=np.arange(len(poses), dtype=np.float64) * step_s,
         motion_covariances=np.concatenate([first, path.motion_covariances[entry:]]),
         vertices=(-1,) * (len(head) + 1) + path.vertices[entry:],
     )
 
 
-def _turned(heading: float) -> FloatArray:
-    """Rotation about the vertical."""
-    cosine, sine = np.cos(heading), np.sin(heading)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+def _turned(angles: FloatArray) -> FloatArray:
+    """Rotations about the vertical, shape (n, 3, 3)."""
+    turned = np.tile(np.eye(3), (len(angles), 1, 1))
+    turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angles)
+    turned[:, 1, 0] = np.sin(angles)
+    turned[:, 0, 1] = -turned[:, 1, 0]
+    return turned

@@ -105,7 +105,7 @@ class SessionRecord:
         step: Step at which it was held.
         time_s: Seconds since the start.
         trigger: Why it was held.
-        renewed: Robots that got new candidates; the others kept theirs.
+        renewed: Robots that got new candidates alone; the others kept theirs, or some of them.
         goals: Current goal of each robot that has one left, shape (2,) or (3,), metres.
         goal_numbers: Which of its goals that is, from 1.
         estimate: The SLAM result that planning starts from.
@@ -124,7 +124,8 @@ class SessionRecord:
         segments_rebuilt: By robot, segment messages of kept candidates that were built anew.
         candidates_kept: By robot, candidates kept from the session before.
         candidates_replaced: By robot, candidates that are new.
-        unreachable: By robot, why a goal was given up.
+        unreachable: By robot, why a goal was given up before this session.
+        obstacles: Polygons seen for the first time since the session before, shape (corners, 2).
     """
 
     session: int
@@ -150,6 +151,22 @@ class SessionRecord:
     candidates_kept: Mapping[str, int] = field(default_factory=dict)
     candidates_replaced: Mapping[str, int] = field(default_factory=dict)
     unreachable: Mapping[str, str] = field(default_factory=dict)
+    obstacles: tuple[FloatArray, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GivenUpRecord:
+    """The end of a loop in which no goal that is left can be reached.
+
+    Attributes:
+        step: Steps since the start.
+        time_s: Seconds since the start.
+        unreachable: By robot, why its goals were given up.
+    """
+
+    step: int
+    time_s: float
+    unreachable: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,6 +182,7 @@ class LoopHistory:
         steps: All steps so far, the first is step 0.
         sessions: All planning sessions so far.
         final: The SLAM result after the last step; None while the loop runs.
+        given_up: Set if the loop ended because no goal that was left could be reached.
     """
 
     name: str
@@ -174,3 +192,21 @@ class LoopHistory:
     steps: tuple[StepRecord, ...]
     sessions: tuple[SessionRecord, ...]
     final: SlamRecord | None = None
+    given_up: GivenUpRecord | None = None
+
+    @property
+    def unreachable(self) -> Mapping[str, tuple[str, ...]]:
+        """By robot, why goals were given up, in order; robots that gave up none are left out."""
+        ends = (self.given_up,) if self.given_up is not None else ()
+        found: dict[str, tuple[str, ...]] = {}
+        for record in (*self.sessions, *ends):
+            for robot, why in record.unreachable.items():
+                found[robot] = (*found.get(robot, ()), why)
+        return found
+
+    @property
+    def reached(self) -> Mapping[str, int]:
+        """Number of goals that each robot has reached."""
+        return {
+            robot: sum(robot in record.arrived for record in self.steps) for robot in self.robots
+        }

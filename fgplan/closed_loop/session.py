@@ -6,7 +6,7 @@ factors between future poses (section 7.2 of Regev and Indelman 2017).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,13 @@ from fgplan.closed_loop.comparison import (
     plan_as,
 )
 from fgplan.closed_loop.mission import LoopMission
-from fgplan.closed_loop.records import Pairs, SessionRecord, SlamRecord, Trigger
+from fgplan.closed_loop.records import (
+    EvaluatorRecord,
+    Pairs,
+    SessionRecord,
+    SlamRecord,
+    Trigger,
+)
 from fgplan.evaluation.incremental.evaluator import Incremental
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.factors.multi_robot import joined_pairs
@@ -37,30 +43,41 @@ from roadmaps import Workspace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CandidateSet:
+    """Where a robot goes next, and how it can.
+
+    Attributes:
+        goal: Place of the goal among the robot's goals, from 0.
+        candidates: Candidate paths without observations; at least one.
+        kept: How many of them, the first ones, were kept from the session before.
+    """
+
+    goal: int
+    candidates: tuple[CandidatePath, ...]
+    kept: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """What a session is held with.
 
     Attributes:
         number: From 1.
         step: Steps since the start.
-        time_s: Seconds since the start.
         trigger: Why it is held.
-        legs: Robots that have a goal left, with their candidates, observations not yet planned.
-        renewed: Robots with new candidates.
-        kept: By robot, candidates kept from the session before.
-        replaced: By robot, candidates that are new.
+        sets: Candidates of the robots that have a goal left; at least one robot.
         unreachable: By robot, why a goal was given up.
+        obstacles: Polygons seen since the session before, each of shape (corners, 2).
+        edges_removed: Edges of the roadmap that they cross.
     """
 
     number: int
     step: int
-    time_s: float
     trigger: Trigger
-    legs: Mapping[str, Leg]
-    renewed: tuple[str, ...]
-    kept: Mapping[str, int]
-    replaced: Mapping[str, int]
-    unreachable: Mapping[str, str]
+    sets: Mapping[str, CandidateSet]
+    unreachable: Mapping[str, str] = field(default_factory=dict)
+    obstacles: tuple[FloatArray, ...] = ()
+    edges_removed: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +86,7 @@ class SessionOutcome:
 
     Attributes:
         record: For the history.
-        legs: The legs with their observations and chosen paths.
+        legs: The robots on their ways: candidates with observations, chosen paths.
         carried: By robot, what its evaluator takes to the next session.
     """
 
@@ -104,27 +121,32 @@ def hold_session(
     Returns:
         Record, legs with chosen paths, and what is carried on.
     """
-    problem = planning_problem(mission, slam, belief, tuple(session.legs))
-    candidates = observed(mission, session.legs, slam, belief, workspace)
+    problem = planning_problem(mission, slam, belief, tuple(session.sets))
+    candidates = observed(mission, session.sets, slam, belief, workspace)
     options = CoordinationOptions(session=session.number, without_path="stay")
     digest = belief.digest()
-    runs, executed = {}, None
+    runs: dict[str, EvaluatorRecord] = {}
+    agreements: dict[str, Agreement] = {}
     for name, contestant in contestants.items():
-        runs[name], agreement = plan_as(contestant, problem, candidates, options, digest, carried)
-        if name == EXECUTED:
-            executed = agreement
-    assert executed is not None
+        runs[name], agreements[name] = plan_as(
+            contestant, problem, candidates, options, digest, carried
+        )
+    executed = agreements[EXECUTED]
     difference = None
     if compare:
         difference = largest_difference(problem, candidates, executed.paths, carried)
-    legs = {
-        robot: replace(leg, candidates=candidates[robot], chosen=executed.chosen[robot], taken=0)
-        for robot, leg in session.legs.items()
-    }
     evaluator = Incremental()
     return SessionOutcome(
         record=_record(mission, session, slam, problem, candidates, executed, runs, difference),
-        legs=legs,
+        legs={
+            robot: Leg(
+                robot=robot,
+                goal=each.goal,
+                candidates=candidates[robot],
+                chosen=executed.chosen[robot],
+            )
+            for robot, each in session.sets.items()
+        },
         carried={
             robot: evaluator.carry(memory)
             for robot, memory in executed.evaluator_states.items()
@@ -161,7 +183,7 @@ def planning_problem(
 
 def observed(
     mission: LoopMission,
-    legs: Mapping[str, Leg],
+    sets: Mapping[str, CandidateSet],
     slam: TeamSlam,
     belief: Belief,
     workspace: Workspace,
@@ -170,19 +192,19 @@ def observed(
 
     Args:
         mission: Sensors, and whether landmarks that only others have mapped count.
-        legs: Robots and their candidates.
+        sets: Robots and their candidates.
         slam: Who has seen which landmark.
         belief: Where the landmarks are thought to be.
         workspace: What blocks the view.
 
     Returns:
-        Candidates of every robot of the team; none for a robot without a leg.
+        Candidates of every robot of the team; none for a robot without a goal.
     """
     landmarks, seen_by = belief.landmarks(), slam.seen_by()
     found: dict[str, tuple[CandidatePath, ...]] = {}
     for robot in mission.robots:
-        leg = legs.get(robot.name)
-        if leg is None:
+        each = sets.get(robot.name)
+        if each is None:
             found[robot.name] = ()
             continue
         usable = {
@@ -191,14 +213,14 @@ def observed(
             if mission.others_landmarks or robot.name in seen_by.get(key, ())
         }
         seen = planned_observations(
-            [path.poses for path in leg.candidates],
+            [path.poses for path in each.candidates],
             {name: mission.world.sensors[name] for name in robot.sensors},
             usable,
             workspace,
         )
         found[robot.name] = tuple(
             replace(path, observations=observations)
-            for path, observations in zip(leg.candidates, seen, strict=True)
+            for path, observations in zip(each.candidates, seen, strict=True)
         )
     return found
 
@@ -248,7 +270,7 @@ def _record(
     problem: PlanningProblem,
     candidates: Candidates,
     agreement: Agreement,
-    runs: Mapping[str, Any],
+    runs: Mapping[str, EvaluatorRecord],
     difference: float | None,
 ) -> SessionRecord:
     """Everything that is kept of a session."""
@@ -259,31 +281,36 @@ def _record(
     counts["multi_robot_factors"] = len(joined)
     counts["landmark_factors"] = sum(len(path.observations) for path in agreement.paths.values())
     announcers = [item.robot for item in agreement.ledger.history if item.value is not None]
-    goals = {robot: mission.goals[robot][leg.goal] for robot, leg in session.legs.items()}
+    if session.obstacles:
+        counts["roadmap_edges_removed"] = session.edges_removed
+    sets = session.sets
     return SessionRecord(
         session=session.number,
         step=session.step,
-        time_s=session.time_s,
+        time_s=session.step * mission.world.step_s,
         trigger=session.trigger,
-        renewed=session.renewed,
-        goals=goals,
-        goal_numbers={robot: leg.goal + 1 for robot, leg in session.legs.items()},
+        renewed=tuple(robot for robot, each in sets.items() if not each.kept),
+        goals={robot: mission.goals[robot][each.goal] for robot, each in sets.items()},
+        goal_numbers={robot: each.goal + 1 for robot, each in sets.items()},
         estimate=slam_record(slam, problem.prior, session.step),
-        candidates={robot: candidates[robot] for robot in session.legs},
+        candidates={robot: candidates[robot] for robot in sets},
         chosen=dict(agreement.paths),
         chosen_index=dict(agreement.chosen),
         covariances={robot: covariances[robot] for robot in agreement.paths},
         joined=joined,
         values=agreement.values,
         announced_by=("all", *announcers),
-        runs=dict(runs),
+        runs=runs,
         max_rel_diff=difference,
         counts=counts,
         segments_reused=_by_robot(session, reports, "segments_reused"),
         segments_rebuilt=_by_robot(session, reports, "segments_rebuilt"),
-        candidates_kept=dict(session.kept),
-        candidates_replaced=dict(session.replaced),
-        unreachable=dict(session.unreachable),
+        candidates_kept={robot: each.kept for robot, each in sets.items()},
+        candidates_replaced={
+            robot: len(each.candidates) - each.kept for robot, each in sets.items()
+        },
+        unreachable=session.unreachable,
+        obstacles=session.obstacles,
     )
 
 
@@ -291,5 +318,5 @@ def _by_robot(session: Session, reports: list[tuple[str, Any]], name: str) -> di
     """Sum of one count of the reports by robot."""
     return {
         robot: sum(getattr(report, name) for who, report in reports if who == robot)
-        for robot in session.legs
+        for robot in session.sets
     }

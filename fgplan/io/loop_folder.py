@@ -1,14 +1,14 @@
 """A closed loop on disk: every record as it comes, so that a stopped run can go on.
 
     loop.jsonl    first line: what the mission is, by digest, and what figures need of it
-                  then one line a record (StepRecord, SessionRecord, the final SlamRecord), in order
+                  then one line a record (fgplan.closed_loop.records), in order
 
-A line is written and flushed when its record is handed on. A last line that was cut off by a crash
-is dropped when the run goes on; a cut anywhere else is an error. Floats are written with all their
-digits, so a run that goes on computes with the very numbers that it would have had.
+A line is on disk before its record is handed on. A last line that was cut off by a crash is dropped
+when the run goes on, and where that was the first, the run begins; a cut anywhere else is an error.
+Floats are written with all their digits, so a run that goes on computes with the very numbers that
+it would have had.
 """
 
-import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -21,8 +21,15 @@ import numpy as np
 from fgplan.closed_loop.comparison import OURS, Contestant
 from fgplan.closed_loop.loop import Record, run_loop
 from fgplan.closed_loop.mission import LoopMission
-from fgplan.closed_loop.records import LoopHistory, SessionRecord, SlamRecord, StepRecord
+from fgplan.closed_loop.records import (
+    GivenUpRecord,
+    LoopHistory,
+    SessionRecord,
+    SlamRecord,
+    StepRecord,
+)
 from fgplan.errors import InvalidInputError
+from fgplan.io.mission_digest import mission_digest
 from fgplan.io.plain_value import plain_value
 from fgplan.io.run_record import WorkspaceRecord, record_workspace
 from fgplan.typing import FloatArray, Key
@@ -30,7 +37,12 @@ from fgplan.typing import FloatArray, Key
 LOOP = "loop.jsonl"
 LOOP_SCHEMA = "loop.v1"
 
-_KINDS: Mapping[str, type] = {"step": StepRecord, "session": SessionRecord, "slam": SlamRecord}
+_KINDS: Mapping[str, type] = {
+    "step": StepRecord,
+    "session": SessionRecord,
+    "given_up": GivenUpRecord,
+    "slam": SlamRecord,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +54,7 @@ class LoopHeader:
         digest: Of the mission, see ``mission_digest``.
         name: Title.
         robots: Names in the order of the team.
-        goals: Goals of each robot, shape (G, 2), metres.
+        goals: Goals of each robot, shape (G, 2) or (G, 3), metres.
         landmarks: True position of every landmark, metres.
         workspace: The world's bounds and obstacles.
     """
@@ -76,20 +88,23 @@ def run_in_folder(
 
     Raises:
         InvalidInputError: If the folder holds another mission's records, or cannot be written.
+        NoCandidatePathError: As ``run_loop``.
     """
     path = folder / LOOP
     header = _header(mission)
     past: list[Record] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if path.exists():
+        if _is_begun(path, header):
             found, past = _read(path, drop_cut_off=True)
             if found.digest != header.digest:
                 raise InvalidInputError(
                     f"{path}: expected records of {header.name!r}, got another mission's "
-                    f"({found.name!r}); choose another folder"
+                    f"({found.name!r}), or of that mission with other numbers; choose another "
+                    "folder"
                 )
         else:
+            path.write_bytes(b"")
             _append(path, plain_value(header))
         for record in run_loop(mission, past=past, contestants=contestants, compare=compare):
             _append(path, {"kind": _kind(record), **plain_value(record)})
@@ -120,51 +135,10 @@ def read_loop(folder: Path) -> tuple[LoopHistory, WorkspaceRecord]:
             steps=tuple(r for r in records if isinstance(r, StepRecord)),
             sessions=tuple(r for r in records if isinstance(r, SessionRecord)),
             final=next((r for r in records if isinstance(r, SlamRecord)), None),
+            given_up=next((r for r in records if isinstance(r, GivenUpRecord)), None),
         ),
         header.workspace,
     )
-
-
-def mission_digest(mission: LoopMission) -> str:
-    """Sha256, in hexadecimal, of everything that decides a closed loop.
-
-    Args:
-        mission: The mission.
-
-    Returns:
-        64 hexadecimal digits; the same for the same mission in another process.
-    """
-    world = mission.world
-    content = {
-        "world": {
-            "robots": world.robots,
-            "sensors": {name: _described(sensor) for name, sensor in world.sensors.items()},
-            "landmark_keys": world.landmark_keys,
-            "landmark_positions": world.landmark_positions,
-            "multi_robot": [_described(model) for model in world.multi_robot.values()],
-            "step_s": world.step_s,
-            "workspace": None if world.workspace is None else record_workspace(world.workspace),
-        },
-        "workspace": record_workspace(mission.workspace),
-        "robots": mission.robots,
-        "multi_robot": [_described(model) for model in mission.multi_robot],
-        "candidates": mission.candidates,
-        "weights": [mission.path_weight, mission.uncertainty_weight],
-        "others_landmarks": mission.others_landmarks,
-        "relinearise_m": mission.relinearise_m,
-        "slam": _described(mission.slam),
-        "obstacle_range_m": mission.obstacle_range_m,
-        "max_steps": mission.max_steps,
-        "seed": mission.seed,
-    }
-    canonical = msgspec.json.encode(plain_value(content, "mission"), order="sorted")
-    return hashlib.sha256(b"fgplan loop 1" + canonical).hexdigest()
-
-
-def _described(value: object) -> str:
-    """A sensor or model, a user's own too, by its type and all that it prints of itself."""
-    with np.printoptions(precision=17, threshold=10**6, linewidth=10**6):
-        return f"{type(value).__module__}.{value!r}"
 
 
 def _header(mission: LoopMission) -> LoopHeader:
@@ -179,6 +153,22 @@ def _header(mission: LoopMission) -> LoopHeader:
         landmarks=dict(zip(world.landmark_keys, world.landmark_positions, strict=True)),
         workspace=record_workspace(world.workspace or mission.workspace),
     )
+
+
+def _is_begun(path: Path, header: LoopHeader) -> bool:
+    """Whether a file has its first line; nothing, or the beginning of that line, is a cut."""
+    if not path.exists():
+        return False
+    with path.open("rb") as file:
+        first = file.readline()
+    if first.endswith(b"\n"):
+        return True
+    if not msgspec.json.encode(plain_value(header)).startswith(first):
+        raise InvalidInputError(
+            f"{path}: expected the records of a closed loop, got {first[:40]!r}; choose another "
+            "folder"
+        )
+    return False
 
 
 def _kind(record: Record) -> str:
