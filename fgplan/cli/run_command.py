@@ -26,10 +26,10 @@ from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.mission_file import make_mission
 from fgplan.io.named_files import named_files
 from fgplan.io.past_estimate import PastEstimate
-from fgplan.io.past_files import plan_start_s, write_past_files
+from fgplan.io.past_files import plan_start_s, remove_past_files, write_past_files
 from fgplan.io.past_formats import is_team_past
 from fgplan.io.place import Place
-from fgplan.io.plan_file import write_plans
+from fgplan.io.plan_file import PLANS, write_plans
 from fgplan.io.prior_table import make_prior
 from fgplan.io.result_file import Requirement, require_true
 from fgplan.io.run_folder import begin_run, write_record
@@ -85,7 +85,7 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
     estimate = prior.estimate
     if options.out is not None:
         start_s = 0.0 if estimate is None else plan_start_s(estimate)
-        figures += (write_plans(options.out / "plans.json", plans[0], start_s),)
+        figures += (write_plans(options.out / PLANS, plans[0], start_s),)
         if estimate is not None:
             written, left_out = write_past_files(options.out, estimate)
             figures, note = figures + written, (*note, *left_out)
@@ -189,7 +189,9 @@ def _estimate_results(estimate: PastEstimate | None) -> dict[str, Any]:
 
 
 def _begin(path: Path, scenario: Scenario, folder: Path, log: LogRun | None) -> None:
-    """Put the scenario and what it names into the run folder."""
+    """Put the scenario and what it names into the run folder; what an earlier run left goes."""
+    remove_past_files(folder)
+    (folder / PLANS).unlink(missing_ok=True)
     if log is None:
         begin_run(path, folder, named_files(scenario, path))
         return

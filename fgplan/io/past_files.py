@@ -91,8 +91,7 @@ def write_past_files(
         ScenarioError: If a file cannot be written.
     """
     tracks = folder / "trajectories"
-    for earlier in (*tracks.glob("*.tum"), *folder.glob("pose_graph.*")):
-        earlier.unlink()
+    remove_past_files(folder)
     try:
         tracks.mkdir(exist_ok=True)
     except OSError as error:
@@ -115,6 +114,20 @@ def write_past_files(
     }
     replace_file(files[-1], msgspec.json.encode(plain_value(content)))
     return tuple(files), notes
+
+
+def remove_past_files(folder: Path) -> None:
+    """Remove what an earlier run left of its past, so that it does not stand beside another's.
+
+    Args:
+        folder: The run folder.
+    """
+    tracks = folder / "trajectories"
+    for pattern in ("trajectories/*.tum", "pose_graph.g2o", "pose_graph.pyfg", "covariances.json"):
+        for earlier in folder.glob(pattern):
+            earlier.unlink()
+    if tracks.is_dir() and not any(tracks.iterdir()):
+        tracks.rmdir()
 
 
 def read_covariances(path: Path | str) -> dict[str, NamedCovariance]:

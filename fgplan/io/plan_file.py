@@ -35,6 +35,9 @@ from fgplan.planners.plan import Plan
 from fgplan.typing import FloatArray
 
 PLAN_FILE_SCHEMA = "plans.v1"
+PLANS = "plans.json"
+"""Name of the file in a run folder."""
+
 FRAME_ID = "map"
 """Frame of everything that fgplan plans: the world."""
 

@@ -216,3 +216,29 @@ def test_team_without_a_common_measurement_is_said(tmp_path, capsys):
     assert "between robots: no factors, the log has none" in said
     held = msgspec.json.decode((tmp_path / "out" / "covariances.json").read_bytes())["held"]
     assert list(held) == ["a0", "b0"]
+
+
+def test_a_scenario_without_a_log_leaves_nothing_of_an_earlier_log(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["run", str(team(tmp_path)), "--quick", "--out", str(out)]) == 0
+    assert (out / "trajectories" / "a.tum").is_file()
+    text = """
+schema = 1
+world = { bounds = [[-10, -10], [40, 20]] }
+planner = { name = "impacted_paths" }
+objective = { preset = "length_and_uncertainty" }
+
+[[robots]]
+name = "ann"
+start = [0, 0, 0]
+start_sigmas = [0.1, 0.1, 0.1]
+goal = [30, 0]
+motion = { sigmas = [0.1, 0.1, 0.01] }
+"""
+    (tmp_path / "plain.toml").write_text(text)
+    assert main(["run", str(tmp_path / "plain.toml"), "--quick", "--out", str(out)]) == 0
+    for name in ("trajectories", "pose_graph.g2o", "covariances.json"):
+        assert not (out / name).exists()
+    [plan] = read_plans(out / "plans.json")
+    assert (plan.robot, plan.start_s) == ("ann", 0.0)
+    capsys.readouterr()
