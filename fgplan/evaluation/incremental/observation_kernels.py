@@ -50,6 +50,13 @@ def observation_information(
         y = landmarks[m, 1] - poses[m, 1]
         cosine, sine = np.cos(poses[m, 2]), np.sin(poses[m, 2])
         square = x * x + y * y
+        first, mixed, second = noise[m, 0, 0], noise[m, 1, 0], noise[m, 1, 1]
+        both = with_bearing[m] and with_range[m]
+        determinant = first * second - mixed * mixed if both else first
+        if not (square > 0.0 and np.isfinite(square) and first > 0.0):
+            return m
+        if not (determinant > 0.0 and np.isfinite(determinant)):
+            return m
         count = 0
         if with_bearing[m]:
             rows_v[0, 0], rows_v[0, 1] = -y / square, x / square
@@ -63,18 +70,11 @@ def observation_information(
         for r in range(count):
             rows_i[r, 0] = -(rows_v[r, 0] * cosine + rows_v[r, 1] * sine)
             rows_i[r, 1] = rows_v[r, 0] * sine - rows_v[r, 1] * cosine
-        first = noise[m, 0, 0]
-        good = first > 0.0 and np.isfinite(first) and square > 0.0 and np.isfinite(square)
-        if count == 1:
-            weight[0, 0] = 1.0 / first
-        else:
-            second, mixed = noise[m, 1, 1], noise[m, 1, 0]
-            determinant = first * second - mixed * mixed
-            good = good and determinant > 0.0 and np.isfinite(determinant)
+        if both:
             weight[0, 0], weight[1, 1] = second / determinant, first / determinant
             weight[0, 1] = weight[1, 0] = -mixed / determinant
-        if not good:
-            return m
+        else:
+            weight[0, 0] = 1.0 / first
         for a in range(3):
             for b in range(3):
                 total = 0.0
