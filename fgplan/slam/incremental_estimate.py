@@ -6,6 +6,9 @@ Rules that GTSAM 4.3 asks for:
     no wildfire threshold       what back-substitution leaves out below it depends on which
                                 estimates were asked for in between, and 1 mm is much beside a
                                 prior of 1e-6 m
+    no damping of its steps     where they raise the error (a robot passes through a landmark of
+                                which it sees the bearing), the whole graph is solved by
+                                Levenberg-Marquardt, and the object is built anew there
     after any exception         the object is unusable and is built anew from the graph
 
 Marginals of a robust graph have no definition, so the Gaussian graph is handed out that has the
@@ -23,6 +26,9 @@ from fgplan.factors.boundary import gtsam_boundary
 from fgplan.slam.robust_noise import RobustFactor
 from fgplan.slam.slam_options import SlamOptions
 from fgplan.typing import Covariance, FloatArray, Key, Pose
+
+ERROR_SLACK = 1.0
+"""How much half the squared residuals may grow: what linearising late costs is below."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -51,7 +57,7 @@ class IncrementalEstimate:
 
     Attributes:
         options: How it is run.
-        rebuilds: How often it was built anew after an exception.
+        rebuilds: How often it was built anew, because its steps ran away or after an exception.
     """
 
     options: SlamOptions
@@ -60,6 +66,7 @@ class IncrementalEstimate:
     _robust: dict[int, RobustFactor] = field(default_factory=dict)
     _smoother: gtsam.ISAM2 = field(init=False)
     _values: gtsam.Values = field(default_factory=gtsam.Values)
+    _error: float = 0.0
 
     def __post_init__(self) -> None:
         """Make the empty object."""
@@ -79,20 +86,46 @@ class IncrementalEstimate:
         new = gtsam.NonlinearFactorGraph()
         for factor in addition.factors:
             new.add(factor)
+        size, estimate, error = self._graph.size(), self._values, self._error
         try:
             with gtsam_boundary(doing):
-                self._smoother.update(new, addition.values)
-                for _ in range(self.options.iterations - 1):
-                    if self._smoother.update().getVariablesRelinearized() == 0:
-                        break
-                values = self._smoother.calculateEstimate()
+                start = gtsam.Values(estimate)
+                start.insert(addition.values)
+                self._graph.push_back(new)
+                before = self._error + new.error(start)
+                self._step(new, addition.values)
+                if not self._error <= before + ERROR_SLACK:
+                    self._solve(start)
         except Exception:  # of GTSAM, or of a user's own sensor
+            self._graph.resize(size)
+            self._values, self._error = estimate, error
             self._rebuild()
             raise
-        first = self._graph.size()
-        self._graph.push_back(new)
-        self._robust.update({first + place: one for place, one in addition.robust.items()})
-        self._values = values
+        self._robust.update({size + place: one for place, one in addition.robust.items()})
+
+    def _step(self, new: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
+        """Steps of iSAM2 until nothing moves; the error is infinite if they ran away."""
+        try:
+            self._smoother.update(new, values)
+            for _ in range(self.options.iterations - 1):
+                if self._smoother.update().getVariablesRelinearized() == 0:
+                    break
+            self._values = self._smoother.calculateEstimate()
+            self._error = self._graph.error(self._values)
+        except RuntimeError as error:
+            if "Indetermina" not in str(error):
+                raise
+            self._error = np.inf
+
+    def _solve(self, start: gtsam.Values) -> None:
+        """The whole graph by damped least squares, and the object built anew there."""
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setLinearSolverType("MULTIFRONTAL_QR")
+        found = gtsam.LevenbergMarquardtOptimizer(self._graph, start, parameters).optimize()
+        self._values = found
+        self._rebuild()
+        self._values = self._smoother.calculateEstimate()
+        self._error = self._graph.error(self._values)
 
     def values(self) -> gtsam.Values:
         """Current estimate of every variable; not to be changed."""

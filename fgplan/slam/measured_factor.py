@@ -132,6 +132,16 @@ def prior_factor(
     return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), noise)
 
 
+def landmark_prior_factor(
+    key: Key, point: FloatArray, covariance: Covariance
+) -> gtsam.NoiseModelFactor:
+    """Factor of where a landmark is known to be beforehand."""
+    noise = gaussian_noise(covariance, "prior of a landmark")
+    if point.size == 2:
+        return gtsam.PriorFactorPoint2(key, point, noise)
+    return gtsam.PriorFactorPoint3(key, point, noise)
+
+
 def _between(
     keys: tuple[Key, Key], relative: Pose, noise: gtsam.noiseModel.Base
 ) -> gtsam.NoiseModelFactor:

@@ -16,7 +16,7 @@ from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, Range
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.models.sensor import AbstractSensor, checked_jacobians
 from fgplan.slam.pose_key import is_pose_key
-from fgplan.typing import Covariance, Key, Pose
+from fgplan.typing import ArrayLike, Covariance, FloatArray, Key, Pose
 
 UNIT_TOLERANCE = 1e-6
 """Largest deviation from one of the length of a measured direction in space."""
@@ -129,6 +129,33 @@ def landmark_key(key: object) -> Key:
             "another character, as in gtsam.symbol('l', 0)"
         )
     return int(key)
+
+
+def checked_landmark_prior(
+    key: object, where: ArrayLike, covariance: ArrayLike, *, planar: bool
+) -> tuple[Key, FloatArray, Covariance]:
+    """Check where a landmark is known to be beforehand.
+
+    Args:
+        key: Its key.
+        where: Position, shape (2,) or, always for robots in space, (3,), metres, world frame.
+        covariance: Shape (2, 2) or (3, 3), square metres.
+        planar: Whether the robots' poses are (x, y, heading).
+
+    Returns:
+        Key, position and covariance.
+
+    Raises:
+        InvalidInputError: If one is not usable.
+    """
+    landmark = landmark_key(key)
+    name = f"prior of landmark {describe_key(landmark)}"
+    point = check_finite(where, name, (None,))
+    if point.size != 3 and not (planar and point.size == 2):
+        raise InvalidInputError(
+            f"{name}: expected {'2 or 3' if planar else '3'} coordinates, got {point.size}"
+        )
+    return landmark, point, check_covariance(covariance, name, point.size)
 
 
 def _rows_of_own(measurement: Measurement, sensor: AbstractSensor, pose: Pose, name: str) -> int:

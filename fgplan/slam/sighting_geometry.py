@@ -232,7 +232,7 @@ class SightingGeometry:
             FAIR_SIGMAS, and e' S^-1 e of each rival is larger by RIVAL_CHI_SQUARE.
         """
         try:
-            lower: FloatArray = np.linalg.cholesky(noise)
+            lower = np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
         except np.linalg.LinAlgError:
             # What all poses share is so uncertain that taking it out has left rounding errors.
             return False

@@ -23,7 +23,7 @@ class SlamOptions:
     Attributes:
         relinearise_threshold: A variable is linearised anew when its estimate has moved by more
             than this in any direction (metres, radians).
-        relinearise_every: Updates from one such check to the next.
+        relinearise_every: Steps of iSAM2 from one such check to the next.
         iterations: Most steps of iSAM2 in each update; it ends with the first in which no variable
             has to be linearised anew, so more than two are rare.
         robust: Loss by name of sensor, for measurements that may be outliers; none for the others.

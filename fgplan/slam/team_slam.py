@@ -19,10 +19,8 @@ from typing import cast
 import gtsam
 
 from fgplan.beliefs.belief import Belief
-from fgplan.checks import check_covariance, check_finite, frozen
+from fgplan.checks import frozen
 from fgplan.errors import InvalidInputError, UnknownNameError
-from fgplan.factors.gaussian_noise import gaussian_noise
-from fgplan.factors.keys import describe_key
 from fgplan.factors.motion import gtsam_pose
 from fgplan.models.measurement import Measurement, Odometry
 from fgplan.models.pose import compose, tangent_dim
@@ -32,6 +30,7 @@ from fgplan.slam.incremental_estimate import IncrementalEstimate
 from fgplan.slam.landmark_start import landmark_start, sighting_of
 from fgplan.slam.measured_factor import (
     landmark_factor,
+    landmark_prior_factor,
     measurement_noise,
     odometry_factor,
     prior_factor,
@@ -39,7 +38,12 @@ from fgplan.slam.measured_factor import (
     robot_factor,
 )
 from fgplan.slam.pose_key import MAX_TEAM, pose_key
-from fgplan.slam.reading_check import check_measurement, checked_odometry, landmark_key
+from fgplan.slam.reading_check import (
+    check_measurement,
+    checked_landmark_prior,
+    checked_odometry,
+    landmark_key,
+)
 from fgplan.slam.robust_noise import FactorMaker, RobustFactor
 from fgplan.slam.slam_options import SlamOptions, SlamStart
 from fgplan.slam.team_change import LandmarkMeasurement, TeamChange
@@ -195,6 +199,11 @@ class TeamSlam:
         }
 
     @property
+    def rebuilds(self) -> int:
+        """How often iSAM2's steps ran away, and the whole graph was solved by damped steps."""
+        return self._smoother.rebuilds
+
+    @property
     def waiting(self) -> dict[Key, int]:
         """Measurements that wait for their landmark to be determined, by ascending key."""
         return {key: len(self._waiting[key]) for key in sorted(self._waiting)}
@@ -265,17 +274,8 @@ class TeamSlam:
 
     def _add_landmark_prior(self, key: object, prior: Located, change: TeamChange) -> None:
         """A landmark that is known beforehand."""
-        landmark = landmark_key(key)
-        name = f"prior of landmark {describe_key(landmark)}"
-        point = check_finite(prior[0], name, (None,))
-        if point.size != 3 and not (self._planar and point.size == 2):
-            raise InvalidInputError(
-                f"{name}: expected {'2 or 3' if self._planar else '3'} coordinates, got "
-                f"{point.size}"
-            )
-        noise = gaussian_noise(check_covariance(prior[1], name, point.size), name)
-        factor = gtsam.PriorFactorPoint2 if point.size == 2 else gtsam.PriorFactorPoint3
-        change.addition.factors.append(factor(landmark, point, noise))
+        landmark, point, covariance = checked_landmark_prior(key, *prior, planar=self._planar)
+        change.addition.factors.append(landmark_prior_factor(landmark, point, covariance))
         change.addition.values.insert(landmark, point)
         change.points[landmark] = point
 

@@ -372,6 +372,30 @@ def test_after_an_error_inside_isam2_nothing_has_changed():
     np.testing.assert_allclose(slam.pose("a"), [1.0, 0.0, 0.0], atol=1e-6)
 
 
+def test_steps_that_run_away_are_taken_anew_with_damping():
+    """A robot passes a landmark at 0.1 m of which it sees the bearing and believes 1 m wrong."""
+    truth, rebuilds = np.array([10.0, 0.1]), 0
+    for aside in (-1.5, -1.0, 0.6, 1.1, 1.6):
+        prior = {landmark(0): (np.array([9.7, aside]), 4.0 * np.eye(2))}
+        slam, pose = TeamSlam({"a": START}, SENSORS, landmark_priors=prior), START.pose
+        for step in range(1, 11):
+            pose = compose(pose, np.array([2.0, 0.0, 0.0]))
+            seen = measured("bearing", pose, point=truth)
+            slam.update(step, [moved("a", (2.0, 0.0, 0.0))], [seen])
+        np.testing.assert_allclose(slam.landmarks()[landmark(0)], truth, atol=0.05)
+        np.testing.assert_allclose(slam.pose("a"), pose, atol=0.05)
+        rebuilds += slam.rebuilds
+    # Without damping some of them end at infinity.
+    assert rebuilds > 0
+
+
+def test_a_team_that_measures_nothing_never_rebuilds():
+    slam = two()
+    for step in range(1, 5):
+        slam.update(step, [moved()], [])
+    assert slam.rebuilds == 0
+
+
 # Determinism
 
 
