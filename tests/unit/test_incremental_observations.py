@@ -8,11 +8,12 @@ import pytest
 
 from fgplan.beliefs.belief import Belief
 from fgplan.errors import InvalidInputError
-from fgplan.evaluation.incremental.observation_blocks import observation_blocks, observation_rows
+from fgplan.evaluation.incremental.observation_blocks import observation_blocks
+from fgplan.evaluation.incremental.observation_table import observation_table
 from fgplan.evaluation.objective import length_and_uncertainty
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
-from fgplan.paths.candidate_path import Observation
+from fgplan.paths.candidate_path import CandidatePath, Observation
 
 SENSORS = {
     "range": RangeSensor(sigma_m=0.5),
@@ -46,17 +47,26 @@ def make_problem(sensors):
     )
 
 
+def make_path(poses, observations):
+    size = len(poses)
+    return CandidatePath(
+        robot="ann",
+        poses=np.vstack([np.zeros(3), poses]),
+        times_s=np.arange(size + 1.0),
+        motion_covariances=np.tile(np.eye(3), (size, 1, 1)),
+        observations=observations,
+    )
+
+
 def make_observations(generator, names, states):
     found = []
-    for _ in range(states):
-        here = []
+    for step in range(1, states + 1):
         for key in LANDMARKS:
             name = names[generator.integers(len(names))]
             size = 2 if name == "both" else 1
             half = generator.normal(size=(size, size))
             noise = half @ half.T + 0.1 * np.eye(size)
-            here.append(Observation(step=1, landmark=key, sensor=name, covariance=noise))
-        found.append(here)
+            found.append(Observation(step=step, landmark=key, sensor=name, covariance=noise))
     return found
 
 
@@ -69,11 +79,13 @@ def test_blocks_equal_the_sensors_jacobians(own):
     poses = generator.uniform([-9.0, -9.0, -4.0], [9.0, 9.0, 4.0], (40, 3))
     observations = make_observations(generator, names, len(poses))
     places = {key: 7 + index for index, key in enumerate(LANDMARKS)}
-    blocks = observation_blocks(problem, poses, observations, places.__getitem__)
+    path = make_path(poses, observations)
+    blocks = observation_blocks(problem, poses, observation_table([path]), places.__getitem__)
     np.testing.assert_array_equal(np.diff(blocks.pointer), 2)
-    flat = [(pose, seen) for pose, here in zip(poses, observations, strict=True) for seen in here]
-    for place, (pose, seen) in enumerate(flat):
-        by_pose, by_landmark = observation_rows(problem, pose, seen)
+    for place, seen in enumerate(path.observations):
+        pose = poses[seen.step - 1]
+        landmark = problem.prior.point(seen.landmark)
+        by_pose, by_landmark = sensors[seen.sensor].linearise(pose, landmark, seen.covariance)
         assert blocks.variable[place] == places[seen.landmark]
         assert blocks.rank[place] == len(by_pose)
         want = (by_pose.T @ by_pose, by_landmark.T @ by_pose, by_landmark.T @ by_landmark)
@@ -90,13 +102,17 @@ def test_blocks_equal_the_sensors_jacobians(own):
 def test_noise_that_is_none_is_refused_by_the_sensor(noise):
     problem = make_problem(SENSORS)
     seen = Observation(step=1, landmark=next(iter(LANDMARKS)), sensor="range", covariance=noise)
+    poses = np.zeros((1, 3))
+    table = observation_table([make_path(poses, [seen])])
     with pytest.raises(InvalidInputError, match="noise"):
-        observation_blocks(problem, np.zeros((1, 3)), [[seen]], lambda _: 0)
+        observation_blocks(problem, poses, table, lambda _: 0)
 
 
 def test_a_landmark_at_the_pose_is_refused_by_the_sensor():
     problem = make_problem(SENSORS)
     key, where = next(iter(LANDMARKS.items()))
     seen = Observation(step=1, landmark=key, sensor="both", covariance=np.eye(2))
+    poses = np.array([[*where, 0.0]])
+    table = observation_table([make_path(poses, [seen])])
     with np.errstate(all="ignore"), pytest.raises(InvalidInputError, match="finite"):
-        observation_blocks(problem, np.array([[*where, 0.0]]), [[seen]], lambda _: 0)
+        observation_blocks(problem, poses, table, lambda _: 0)

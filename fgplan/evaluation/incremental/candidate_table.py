@@ -5,14 +5,15 @@ observations), since heading depends on the edge by which a vertex was reached. 
 between consecutive poses have whitened rows A1 = -W Ad(h^-1), A2 = W with h the relative pose.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from fgplan.evaluation.incremental.observation_table import ObservationTable, observation_table
 from fgplan.models.pose import adjoint, between
-from fgplan.paths.candidate_path import CandidatePath, Observation
+from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.state import State
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
@@ -56,7 +57,7 @@ class CandidateTable:
     poses: FloatArray
     vertices: IntArray
     counted: BoolArray
-    observations: tuple[tuple[Observation, ...], ...]
+    observations: ObservationTable
     motion: MotionBlocks
     tightest: FloatArray
 
@@ -93,12 +94,12 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
     steps = np.concatenate([np.arange(1.0, length + 1.0) for length in lengths.tolist()])
     times = np.concatenate([path.times_s[1:] for path in paths])
     vertices = np.concatenate([np.array(path.vertices[1:], np.int64) for path in paths])
-    observed = _observed(paths)
-    seen = _observation_marks(observed, len(poses))
+    observed = observation_table(paths)
+    seen = observed.marks()
     marks = np.column_stack([seen, steps, times, vertices, poses.reshape(len(poses), -1)])
     flat, first = distinct_rows(marks.view(np.int64))
     counted = np.ones(len(first), bool)
-    if observed:
+    if len(observed.landmark):
         _, once = distinct_rows(np.ascontiguousarray(marks[:, 1:]).view(np.int64))
         counted = np.isin(first, once)
     states = np.full((len(paths), longest), -1, np.int64)
@@ -112,36 +113,10 @@ def tabulate(paths: Sequence[CandidatePath]) -> CandidateTable:
         poses=np.ascontiguousarray(poses[first]),
         vertices=vertices[first],
         counted=counted,
-        observations=tuple(observed.get(at, ()) for at in first.tolist())
-        if observed
-        else ((),) * len(first),
+        observations=observed.take(first),
         motion=motion,
         tightest=flat_motion.late.diagonal(axis1=1, axis2=2).max(axis=0),
     )
-
-
-def _observed(paths: Sequence[CandidatePath]) -> dict[int, tuple[Observation, ...]]:
-    """Observations by place of their state in all paths laid end to end."""
-    found: dict[int, list[Observation]] = {}
-    begin = 0
-    for path in paths:
-        for seen in path.observations:
-            found.setdefault(begin + seen.step - 1, []).append(seen)
-        begin += path.steps
-    return {at: tuple(seen_here) for at, seen_here in found.items()}
-
-
-def _observation_marks(observed: Mapping[int, tuple[Observation, ...]], size: int) -> IntArray:
-    """A number for what each state observes: the same for the same observations, 0 for none."""
-    marks = np.zeros(size, np.int64)
-    known: dict[tuple[object, ...], int] = {}
-    # most observations share the very array of their noise: its bytes are taken once
-    noises = {id(o.covariance): o.covariance for seen in observed.values() for o in seen}
-    noise = {which: np.asarray(array).tobytes() for which, array in noises.items()}
-    for at, seen_here in observed.items():
-        name = tuple((o.landmark, o.sensor, noise[id(o.covariance)]) for o in seen_here)
-        marks[at] = known.setdefault(name, len(known) + 1)
-    return marks
 
 
 def step_blocks(before: FloatArray, after: FloatArray, covariances: FloatArray) -> MotionBlocks:

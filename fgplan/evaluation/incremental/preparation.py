@@ -148,8 +148,7 @@ def _tabulated(
 
 def _touched(problem: PlanningProblem, table: CandidateTable) -> list[Key]:
     """Prior variables that the candidates touch."""
-    landmarks = [o.landmark for path in table.paths for o in path.observations]
-    return touched_keys(problem, own_states(problem, table), landmarks)
+    return touched_keys(problem, own_states(problem, table), table.observations.landmarks())
 
 
 def _path_terms(

@@ -25,10 +25,11 @@ from fgplan.evaluation.incremental.factor_blocks import (
 )
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.observation_blocks import observation_blocks
+from fgplan.evaluation.incremental.observation_table import ObservationTable, observation_table
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.incremental.whitened_rows import universe_rows
 from fgplan.evaluation.problem import PlanningProblem
-from fgplan.paths.candidate_path import CandidatePath, Observation
+from fgplan.paths.candidate_path import CandidatePath
 from fgplan.typing import Covariance, FloatArray, IntArray
 
 CANCELLATION_LIMIT = 1e-4
@@ -70,9 +71,7 @@ def path_blocks(
     number = numbering.pose(path.robot, 1) + np.arange(path.steps)
     before = number - 1
     before[0] = numbering.prior(problem.start_keys[path.robot])
-    seen: list[list[Observation]] = [[] for _ in range(path.steps)]
-    for observation in path.observations:
-        seen[observation.step - 1].append(observation)
+    seen = observation_table([path])
     fixed = fixed_blocks(problem, numbering, states_of(problem, [path]), seen)
     row, column, needed, blocks = _of_factors(fixed, number)
     return InformationBlocks(
@@ -87,7 +86,7 @@ def fixed_blocks(
     problem: PlanningProblem,
     numbering: Numbering,
     own: StateSet,
-    observations: Sequence[Sequence[Observation]],
+    observations: ObservationTable,
 ) -> FactorBlocks:
     """Factors of some states that do not depend on announcements: landmarks and past poses.
 
@@ -101,7 +100,7 @@ def fixed_blocks(
         The table over the A states.
     """
     tables = []
-    if any(observations):
+    if len(observations.landmark):
         tables.append(observation_blocks(problem, own.poses, observations, numbering.prior))
     robot = numbering.robots[own.places[0]]
     known = set(numbering.prior_keys)

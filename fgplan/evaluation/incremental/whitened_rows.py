@@ -13,7 +13,6 @@ from scipy.linalg import qr, solve_triangular
 
 from fgplan.evaluation.incremental.factor_blocks import joint_rows
 from fgplan.evaluation.incremental.numbering import Numbering
-from fgplan.evaluation.incremental.observation_blocks import observation_rows
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.models.pose import adjoint, between
@@ -80,7 +79,9 @@ def path_rows(
         factors.append([(at[step - 1], by_old), (at[step], weight)])
         for seen in path.observations:
             if seen.step == step:
-                own, other = observation_rows(problem, path.poses[step], seen)
+                sensor, landmark = problem.sensors[seen.sensor], problem.prior.point(seen.landmark)
+                noise = np.asarray(seen.covariance)
+                own, other = sensor.linearise(path.poses[step], landmark, noise)
                 variable = numbering.prior(seen.landmark)
                 factors.append([(at[step], own), (int(column[variable]), other)])
         state = path.state(step)
