@@ -28,7 +28,6 @@ from fgplan.closed_loop.records import (
     SlamRecord,
     Trigger,
 )
-from fgplan.evaluation.incremental.evaluator import Incremental
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.factors.multi_robot import joined_pairs
 from fgplan.models.sensor import AbstractSensor
@@ -135,7 +134,7 @@ def hold_session(
     difference = None
     if compare:
         difference = largest_difference(problem, candidates, executed.paths, carried)
-    evaluator = Incremental()
+    carry = getattr(contestants[EXECUTED].evaluator, "carry", None)
     return SessionOutcome(
         record=_record(mission, session, slam, problem, candidates, executed, runs, difference),
         legs={
@@ -147,8 +146,10 @@ def hold_session(
             )
             for robot, each in session.sets.items()
         },
-        carried={
-            robot: evaluator.carry(memory)
+        carried={}
+        if carry is None
+        else {
+            robot: carry(memory)
             for robot, memory in executed.evaluator_states.items()
             if memory is not None
         },
