@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fgplan.evaluation.incremental.observation_table import ObservationTable, observation_table
-from fgplan.models.pose import adjoint, between
+from fgplan.evaluation.incremental.spatial_blocks import spatial_motion_blocks
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.state import State
 from fgplan.typing import BoolArray, FloatArray, IntArray
@@ -134,7 +134,4 @@ def step_blocks(before: FloatArray, after: FloatArray, covariances: FloatArray) 
         from fgplan.evaluation.incremental.factor_kernels import motion_blocks
 
         return MotionBlocks(*motion_blocks(before.copy(), after.copy(), covariances.copy()))
-    information: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
-    back = np.array([adjoint(between(b, a)) for a, b in zip(before, after, strict=True)])
-    cross = -information @ back
-    return MotionBlocks(information, cross, -np.swapaxes(back, 1, 2) @ cross)
+    return MotionBlocks(*spatial_motion_blocks(before, after, covariances))

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fgplan.evaluation.incremental.spatial_blocks import spatial_pairs, spatial_relative_blocks
 from fgplan.evaluation.problem import PastState, PlanningProblem
-from fgplan.models.pose import PLANAR_DIM
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
@@ -176,33 +176,36 @@ def multi_robot_blocks(
         return no_blocks(len(own.poses), problem.dim)
     return merge(
         [
-            _planar_relative(model, own, others, variables, each_once)
-            if is_compiled(problem, model)
+            _relative_poses(model, own, others, variables, each_once)
+            if is_relative_within(model, problem.dim)
             else _any_model(problem, model, own, others, variables, each_once)
             for model in models
         ]
     )
 
 
-def is_compiled(problem: PlanningProblem, model: MultiRobotModel) -> bool:
-    """Whether the kernel knows the model: planar, distance criterion, relative pose."""
+def is_relative_within(model: MultiRobotModel, dim: int) -> bool:
+    """Whether a model is that of the paper: a relative pose within a distance."""
     return (
-        problem.dim == PLANAR_DIM
-        and type(model.criterion) is DistanceCriterion  # a subclass may have a rule of its own
+        type(model.criterion) is DistanceCriterion  # a subclass may have a rule of its own
         and isinstance(model.sensor, RelativePoseSensor)
+        and len(model.sensor.covariance) == dim
     )
 
 
-def _planar_relative(
+def _relative_poses(
     model: MultiRobotModel,
     own: StateSet,
     others: StateSet,
     variables: IntArray,
     each_once: bool,
 ) -> FactorBlocks:
-    """The default model, compiled."""
-    from fgplan.evaluation.incremental.factor_kernels import near_pairs, relative_pose_blocks
-
+    """The default model, all pairs at once."""
+    planar = own.poses.ndim == 2
+    if planar:
+        from fgplan.evaluation.incremental.factor_kernels import near_pairs, relative_pose_blocks
+    else:
+        near_pairs, relative_pose_blocks = spatial_pairs, spatial_relative_blocks
     omega = np.linalg.inv(model.sensor.covariance)  # type: ignore[union-attr]
     pointer, found = near_pairs(
         own.poses,
@@ -215,7 +218,7 @@ def _planar_relative(
     blocks = relative_pose_blocks(
         own.poses, others.poses, pointer, found, own.places, others.places, omega
     )
-    return FactorBlocks(pointer, variables[found], np.full(len(found), PLANAR_DIM), *blocks)
+    return FactorBlocks(pointer, variables[found], np.full(len(found), len(omega)), *blocks)
 
 
 def _any_model(
