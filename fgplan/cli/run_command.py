@@ -1,5 +1,7 @@
 """``fgplan run SCENARIO or LOG``: read, plan, write the run folder, say what each robot chose.
 
+A scenario with ``[simulation]`` is executed too: see fgplan/cli/loop_command.py.
+
 A log (a .g2o or .pyfg file, a folder of one robot's file each) gets a scenario derived from it,
 which goes into the run folder: see fgplan/io/past_scenario.py for its rules.
 """
@@ -12,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from fgplan.cli.loop_command import run_loop_scenario
 from fgplan.cli.run_figures import draw_run_figures
 from fgplan.cli.run_past import LogRun, copy_log_run, open_log_run, past_lines
 from fgplan.cli.run_recording import record_run
@@ -23,6 +26,7 @@ from fgplan.errors import (
     ScenarioError,
 )
 from fgplan.io.command import CommandOptions, CommandOutcome
+from fgplan.io.loop_mission import PLANNER
 from fgplan.io.mission_file import make_mission
 from fgplan.io.named_files import named_files
 from fgplan.io.past_estimate import PastEstimate
@@ -71,6 +75,8 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
     if options.quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
         fewer = {**mission.options, "candidates": QUICK_CANDIDATES}
         mission = dataclasses.replace(mission, options=fewer)
+    if scenario.simulation is not None and scenario.planner_name == PLANNER:
+        return run_loop_scenario(options, scenario, scenario.simulation, mission, path)
     options.record({})
     if options.out is not None:
         _begin(path, scenario, options.out, log)
@@ -226,7 +232,7 @@ def _not_simulated(mission: Mission) -> list[str]:
     """That a plan is not executed, where the scenario asks for a simulation."""
     if mission.simulation is None:
         return []
-    return ["note: [simulation] was checked but not run: fgplan run plans, it does not execute"]
+    return [f"note: [simulation] was checked but not run: closed loops plan by {PLANNER}"]
 
 
 def _draw(

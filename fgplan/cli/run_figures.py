@@ -1,7 +1,9 @@
-"""The figures of a run folder, drawn from its record: after a run, and again by ``fgplan plot``."""
+"""The figures of a run folder, drawn from its records: after a run, again by ``plot``."""
 
 from pathlib import Path
 
+from fgplan.cli.loop_command import draw_loop_folder
+from fgplan.io.loop_folder import LOOP
 from fgplan.io.run_folder import read_record
 from fgplan.viz.candidate_paths import candidate_paths_figure
 from fgplan.viz.chosen_paths import chosen_paths_figure
@@ -11,7 +13,7 @@ from fgplan.viz.impacted_paths import impacted_paths_figure
 
 
 def draw_run_figures(folder: Path) -> tuple[Path, ...]:
-    """Draw the figures of a run folder.
+    """Draw the figures of a run folder; those of a closed loop where it holds one.
 
     Args:
         folder: A folder with a record.
@@ -23,6 +25,8 @@ def draw_run_figures(folder: Path) -> tuple[Path, ...]:
         InvalidInputError: If the folder has no record.
         MissingExtraError: If matplotlib is not installed.
     """
+    if (folder / LOOP).exists():
+        return draw_loop_folder(folder)
     record = read_record(folder)
     workspace = record.workspace.workspace()
     team = tuple(record.goals)

@@ -10,7 +10,7 @@ it would have had.
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,13 +96,7 @@ def run_in_folder(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if _is_begun(path, header):
-            found, past = _read(path, drop_cut_off=True)
-            if found.digest != header.digest:
-                raise InvalidInputError(
-                    f"{path}: expected records of {header.name!r}, got another mission's "
-                    f"({found.name!r}), or of that mission with other numbers; choose another "
-                    "folder"
-                )
+            past = _read(path, drop_cut_off=True)[1]
         else:
             path.write_bytes(b"")
             _append(path, plain_value(header))
@@ -111,6 +105,25 @@ def run_in_folder(
             yield record
     except OSError as error:
         raise InvalidInputError(f"{path}: expected a place to write to: {error}") from error
+
+
+def check_loop_folder(mission: LoopMission, folder: Path) -> None:
+    """Refuse a folder that holds another mission's records; nothing is changed.
+
+    Args:
+        mission: What is to be run.
+        folder: The run folder; it may be empty or missing.
+
+    Raises:
+        InvalidInputError: If it holds the records of another mission, or something else.
+    """
+    path = folder / LOOP
+    try:
+        _is_begun(path, _header(mission))
+    except OSError as error:
+        raise InvalidInputError(
+            f"{path}: expected the records of a closed loop: {error}"
+        ) from error
 
 
 def read_loop(folder: Path) -> tuple[LoopHistory, WorkspaceRecord]:
@@ -156,19 +169,25 @@ def _header(mission: LoopMission) -> LoopHeader:
 
 
 def _is_begun(path: Path, header: LoopHeader) -> bool:
-    """Whether a file has its first line; nothing, or the beginning of that line, is a cut."""
+    """Whether a file has this first line; nothing, or the beginning of that line, is a cut."""
     if not path.exists():
         return False
     with path.open("rb") as file:
         first = file.readline()
-    if first.endswith(b"\n"):
-        return True
-    if not msgspec.json.encode(plain_value(header)).startswith(first):
+    if not first.endswith(b"\n"):
+        if msgspec.json.encode(plain_value(header)).startswith(first):
+            return False
         raise InvalidInputError(
             f"{path}: expected the records of a closed loop, got {first[:40]!r}; choose another "
             "folder"
         )
-    return False
+    found = _decoded(path, 1, first, lambda data: _converted(data, LoopHeader))
+    if found.digest != header.digest:
+        raise InvalidInputError(
+            f"{path}: expected records of {header.name!r}, got another mission's "
+            f"({found.name!r}), or of that mission with other numbers; choose another folder"
+        )
+    return True
 
 
 def _kind(record: Record) -> str:
@@ -196,23 +215,36 @@ def _read(path: Path, *, drop_cut_off: bool) -> tuple[LoopHeader, list[Record]]:
     if lines[-1] and drop_cut_off:
         with path.open("rb+") as file:
             file.truncate(len(content) - len(lines[-1]))
-    records: list[Record] = []
-    header = None
-    for number, line in enumerate(lines[:-1], start=1):
-        try:
-            data = msgspec.json.decode(line)
-            if number == 1:
-                header = _converted(data, LoopHeader)
-                continue
-            records.append(_converted(data, _KINDS[data.pop("kind")]))
-        except (msgspec.DecodeError, RecursionError, ValueError, KeyError, AttributeError) as error:
-            raise InvalidInputError(
-                f"{path}, line {number}: expected a record of a closed loop: {error}"
-            ) from error
-    if header is None or header.schema != LOOP_SCHEMA:
-        came = "nothing" if header is None else repr(header.schema)
-        raise InvalidInputError(f"{path}: expected {LOOP_SCHEMA!r} on the first line, got {came}")
+    if not lines[0] and len(lines) == 1:
+        raise InvalidInputError(f"{path}: expected {LOOP_SCHEMA!r} on the first line, got nothing")
+    header = _decoded(path, 1, lines[0], lambda data: _converted(data, LoopHeader))
+    if header.schema != LOOP_SCHEMA:
+        raise InvalidInputError(
+            f"{path}: expected {LOOP_SCHEMA!r} on the first line, got {header.schema!r}"
+        )
+    records = [
+        _decoded(path, number, line, _record) for number, line in enumerate(lines[1:-1], start=2)
+    ]
     return header, records
+
+
+def _decoded(path: Path, number: int, line: bytes, read: Callable[[Any], Any]) -> Any:  # noqa: ANN401
+    """One line, read; what is wrong with it is said with its number."""
+    try:
+        return read(msgspec.json.decode(line))
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise InvalidInputError(
+            f"{path}, line {number}: expected a record of a closed loop: {error}"
+        ) from error
+
+
+def _record(data: Any) -> Record:  # noqa: ANN401 - plain data
+    """Plain data to the record that its kind names."""
+    kind = data.pop("kind", None) if isinstance(data, dict) else None
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise ValueError(f"expected a kind, one of {', '.join(_KINDS)}, got {kind!r}")
+    record: Record = _converted(data, _KINDS[kind])
+    return record
 
 
 def _converted(data: Any, kind: type) -> Any:  # noqa: ANN401 - of the kind asked for

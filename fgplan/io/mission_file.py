@@ -15,7 +15,7 @@ from fgplan.errors import ScenarioError
 from fgplan.io.objective_table import make_objective
 from fgplan.io.place import Place
 from fgplan.io.prior_table import Prior, make_prior
-from fgplan.io.scenario import RobotTable, Scenario, SimulationTable, TargetTable
+from fgplan.io.scenario import RobotTable, Scenario, TargetTable
 from fgplan.io.scenario_file import read_scenario
 from fgplan.io.sensor_table import make_covariance, make_multi_robot, make_sensors
 from fgplan.io.workspace_table import make_workspace
@@ -227,7 +227,7 @@ def _check_communication(scenario: Scenario, place: Place) -> None:
 def _make_simulation(scenario: Scenario) -> MissionSimulation | None:
     """What the scenario asks of a closed loop, or None where it says nothing."""
     table = scenario.simulation
-    if table == SimulationTable():
+    if table is None:
         return None
     return MissionSimulation(
         steps=table.steps, seed=table.seed, runs=table.runs, options=dict(table.options)

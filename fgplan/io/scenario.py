@@ -8,23 +8,23 @@ of a user's own kind, ``[simulation]`` options.
 
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, field
 
-Name = Annotated[str, Meta(min_length=1)]
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
-Probability = Annotated[float, Meta(ge=0, lt=1)]
-Numbers = tuple[float, ...]
-Sigmas = Annotated[tuple[Positive, ...], Meta(min_length=1)]
-Matrix = Annotated[tuple[Numbers, ...], Meta(min_length=1)]
-Point = Annotated[Numbers, Meta(min_length=2, max_length=3)]
-PlanePoint = tuple[float, float]
-PoseNumbers = Annotated[Numbers, Meta(min_length=3, max_length=7)]
-KeyName = Annotated[str, Meta(min_length=1)] | Annotated[int, Meta(ge=0)]
-
-
-class Table(Struct, forbid_unknown_fields=True, frozen=True):
-    """One table of a scenario; unknown fields are refused by name."""
+from fgplan.io.simulation_table import SimulationTable
+from fgplan.io.table import (
+    KeyName,
+    Matrix,
+    Name,
+    NotNegative,
+    Numbers,
+    PlanePoint,
+    Point,
+    PoseNumbers,
+    Positive,
+    Probability,
+    Sigmas,
+    Table,
+)
 
 
 class WorldTable(Table, frozen=True):
@@ -334,26 +334,6 @@ class ObjectiveTable(Table, frozen=True):
     terms: tuple[TermTable, ...] = ()
 
 
-class SimulationTable(Table, frozen=True):
-    """``[simulation]``: what a closed loop draws and how long it runs.
-
-    Checked and handed on as ``Mission.simulation``. ``fgplan run`` plans and does not execute: it
-    says so where a scenario has this table. To execute a plan, call
-    ``fgplan.simulation.simulate.simulate`` with a world of your own.
-
-    Attributes:
-        steps: Number of steps to execute; until every path has ended if left out.
-        seed: Seed of the truth and of measurement noise; the scenario's if left out.
-        runs: Number of Monte Carlo runs.
-        options: Options that only the planner's own simulation understands.
-    """
-
-    steps: Annotated[int, Meta(ge=1)] | None = None
-    seed: Annotated[int, Meta(ge=0)] | None = None
-    runs: Annotated[int, Meta(ge=1)] = 1
-    options: dict[str, Any] = field(default_factory=dict)
-
-
 class Scenario(Table, frozen=True):
     """A scenario file.
 
@@ -370,7 +350,8 @@ class Scenario(Table, frozen=True):
         team: Multi-robot factors and agreement.
         prior: Where the belief at planning time comes from.
         objective: What the team minimises.
-        simulation: The closed loop; checked, not run by ``fgplan run``.
+        simulation: The world in which the team plans, moves and plans again; it only plans where
+            this is left out.
     """
 
     schema: Literal[1]
@@ -385,7 +366,7 @@ class Scenario(Table, frozen=True):
     team: TeamTable = field(default_factory=TeamTable)
     prior: IndependentPrior | LogPrior | PythonPrior = field(default_factory=IndependentPrior)
     objective: ObjectiveTable = field(default_factory=ObjectiveTable)
-    simulation: SimulationTable = field(default_factory=SimulationTable)
+    simulation: SimulationTable | None = None
 
     @property
     def planner_name(self) -> str:

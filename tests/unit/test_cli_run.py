@@ -200,7 +200,8 @@ def test_other_content_of_a_record_is_refused(tmp_path, capsys):
 
 def test_simulation_that_is_not_run_is_said(tmp_path, capsys):
     path = tmp_path / "team.toml"
-    path.write_text(EXAMPLE.read_text() + "\n[simulation]\nruns = 10\n")
+    text = EXAMPLE.read_text().replace("impacted_paths", "exhaustive")
+    path.write_text(text + "\n[simulation]\nruns = 10\n")
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--quick"]) == 0
     assert "note: [simulation] was checked but not run" in capsys.readouterr().out
     assert main(["run", str(EXAMPLE), "--out", str(tmp_path / "out"), "--quick"]) == 0
