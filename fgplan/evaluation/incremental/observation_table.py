@@ -81,27 +81,28 @@ def observation_table(paths: Sequence[CandidatePath]) -> ObservationTable:
     flat = [seen for path in paths for seen in path.observations]
     begin = np.cumsum([0, *(path.steps for path in paths)])
     counts = np.array([len(path.observations) for path in paths], np.int64)
-    size = len(flat)
-    step = np.fromiter((seen.step for seen in flat), np.int64, size)
-    state = np.repeat(begin[:-1], counts) + step - 1
+    steps = np.array([seen.step for seen in flat], np.int64)
+    state = np.repeat(begin[:-1], counts) + steps - 1
     pointer = np.zeros(int(begin[-1]) + 1, np.int64)
     np.cumsum(np.bincount(state, minlength=int(begin[-1])), out=pointer[1:])
-    sensors = {name: place for place, name in enumerate(dict.fromkeys(o.sensor for o in flat))}
+    names = [seen.sensor for seen in flat]
+    sensors = {name: place for place, name in enumerate(dict.fromkeys(names))}
     # most observations share the very array of their noise: its bytes are taken once
-    arrays = {id(seen.covariance): np.asarray(seen.covariance) for seen in flat}
+    which = np.array([id(seen.covariance) for seen in flat], np.int64)
+    _, first, array = np.unique(which, return_index=True, return_inverse=True)
     noises: dict[bytes, int] = {}
     kept: list[Covariance] = []
-    number = {}
-    for which, array in arrays.items():
-        content = bytes(array.shape) + array.tobytes()
-        number[which] = noises.setdefault(content, len(kept))
-        if number[which] == len(kept):
-            kept.append(array)
+    number = np.zeros(len(first), np.int64)
+    for place, at in enumerate(first.tolist()):
+        noise = np.asarray(flat[at].covariance)
+        number[place] = noises.setdefault(bytes(noise.shape) + noise.tobytes(), len(kept))
+        if number[place] == len(kept):
+            kept.append(noise)
     return ObservationTable(
         pointer=pointer,
-        landmark=np.fromiter((seen.landmark for seen in flat), np.uint64, size),
-        sensor=np.fromiter((sensors[seen.sensor] for seen in flat), np.int64, size),
-        noise=np.fromiter((number[id(seen.covariance)] for seen in flat), np.int64, size),
+        landmark=np.array([seen.landmark for seen in flat], np.uint64),
+        sensor=np.array([sensors[name] for name in names], np.int64),
+        noise=number[array],
         sensors=tuple(sensors),
         noises=tuple(kept),
     )
