@@ -122,18 +122,21 @@ def hold_session(
     """
     problem = planning_problem(mission, slam, belief, tuple(session.sets))
     candidates = observed(mission, session.sets, slam, belief, workspace)
+    # whoever has new candidates alone finds nothing of the old ones in them
+    held = {robot: carried[robot] for robot in carried if robot in session.sets}
+    held = {robot: item for robot, item in held.items() if session.sets[robot].kept}
     options = CoordinationOptions(session=session.number, without_path="stay")
     digest = belief.digest()
     runs: dict[str, EvaluatorRecord] = {}
     agreements: dict[str, Agreement] = {}
     for name, contestant in contestants.items():
         runs[name], agreements[name] = plan_as(
-            contestant, problem, candidates, options, digest, carried
+            contestant, problem, candidates, options, digest, held
         )
     executed = agreements[EXECUTED]
     difference = None
     if compare:
-        difference = largest_difference(problem, candidates, executed.paths, carried)
+        difference = largest_difference(problem, candidates, executed.paths, held)
     carry = getattr(contestants[EXECUTED].evaluator, "carry", None)
     return SessionOutcome(
         record=_record(mission, session, slam, problem, candidates, executed, runs, difference),
