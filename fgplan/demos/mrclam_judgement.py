@@ -98,10 +98,10 @@ def judge(log: MrclamLog, steps: MrclamSteps, slam: TeamSlam, belief: Belief | N
     estimates = {robot: slam.trajectory(robot) for robot in steps.robots}
     seen = {robot: ~np.isnan(steps.truth[robot][:, 0]) for robot in steps.robots}
     robots = tuple(_robot_errors(robot, steps, slam, estimates[robot], belief) for robot in seen)
-    stacked = [
+    stacked, true_stacked = (
         np.vstack([poses[robot][seen[robot]] for robot in steps.robots])
         for poses in (estimates, steps.truth)
-    ]
+    )
     mapped = slam.landmarks()
     pairs = [
         (mapped[key], log.landmarks[subject])
@@ -111,7 +111,7 @@ def judge(log: MrclamLog, steps: MrclamSteps, slam: TeamSlam, belief: Belief | N
     points, true_points = (_as_poses([pair[side] for pair in pairs]) for side in (0, 1))
     return Judgement(
         robots=robots,
-        together_m=absolute_trajectory_error(*stacked, "all"),
+        together_m=absolute_trajectory_error(stacked, true_stacked, "all"),
         landmarks_m=absolute_trajectory_error(points, true_points, "none"),
         landmarks_aligned_m=absolute_trajectory_error(points, true_points, "all"),
         outliers={

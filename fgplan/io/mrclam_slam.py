@@ -3,8 +3,8 @@
 Odometry, cameras and the prior of each start go into iSAM2 (fgplan.slam.team_slam); no position of
 a landmark and no later Vicon pose does. Every measurement has Huber's loss, because about one range
 in fifty is wrong by several sigmas and a few barcodes are misread: with Gaussian noise alone errors
-are two to four times as large (docs/mrclam.md). A loss that redescends is worse: Cauchy's costs
-0.02 to 0.04 m here, and in one batch from the odometry it takes all landmarks for outliers that a
+are two to six times as large (docs/mrclam.md). A loss that redescends is worse: Cauchy's costs
+0.01 to 0.03 m here, and in one batch from the odometry it takes all landmarks for outliers that a
 robot sees after half a minute of seeing none (robot 3, after 500 s: 2 m off for a minute).
 """
 
