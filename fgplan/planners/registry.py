@@ -11,6 +11,7 @@ from fgplan.planners.planner import AbstractPlanner
 PLANNERS: dict[str, str] = {
     "impacted_paths": "fgplan.planners.impacted_paths.planner:ImpactedPathsPlanner",
     "exhaustive": "fgplan.planners.exhaustive.planner:ExhaustivePlanner",
+    "aia": "fgplan.planners.aia.planner:AiaPlanner",
 }
 """Name to ``module:object``; more are added by ``register_planner``."""
 

@@ -10,6 +10,7 @@ ignorance, Y = 0, is allowed, which no covariance can say.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fgplan.errors import IllPosedBeliefError, InvalidInputError
 from fgplan.typing import Covariance, FloatArray, InformationMatrix
@@ -100,6 +101,6 @@ def predict_information(
     return factor @ (inverse.T @ y) + after @ d, after
 
 
-def _symmetric(matrix: FloatArray) -> FloatArray:
+def _symmetric(matrix: NDArray[np.floating]) -> FloatArray:
     """The symmetric part: rounding makes the other part."""
-    return np.asarray(0.5 * (matrix + matrix.T))
+    return np.asarray(0.5 * (matrix + matrix.T), dtype=np.float64)

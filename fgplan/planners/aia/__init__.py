@@ -1,0 +1,1 @@
+"""Sampling-tree planner for active information acquisition (Kantaros et al. 2019)."""

@@ -1,0 +1,222 @@
+"""Compiled: lines 6 to 17 of Algorithm 1, a group extended to a new configuration.
+
+Arrays are taken out of their tuples once a call: a tuple costs a reference count an array.
+"""
+
+import numpy as np
+from numba import njit
+
+from fgplan.planners.aia.assignment_kernels import assign_targets
+from fgplan.planners.aia.covariance_kernels import (
+    is_below,
+    propagate_row,
+    read_numbers,
+    shortfall_of,
+    total_of,
+)
+from fgplan.planners.aia.information_kernels import sum_remembered, team_information
+from fgplan.planners.aia.pose_kernels import Poses
+from fgplan.planners.aia.tree_kernels import (
+    BEST,
+    BOUNDED,
+    CLOSEST,
+    COST,
+    DOMINATED,
+    GOALS,
+    NODES,
+    REPEATED,
+    SHORTFALL,
+    Scratch,
+    Setting,
+    Settings,
+    Tree,
+    at_goal,
+    find_group,
+    link_node,
+    repeats,
+)
+from fgplan.typing import FloatArray, IntArray
+
+
+@njit(cache=True, error_model="numpy")
+def is_dominated(
+    head: int,
+    next_in_group: IntArray,
+    costs: FloatArray,
+    depths: IntArray,
+    covariances: FloatArray,
+    any_time: bool,
+    cost: float,
+    depth: int,
+    covariance: FloatArray,
+) -> bool:
+    """Whether a group, from its first node on, holds one that is as good in every respect."""
+    node = head
+    while node >= 0:
+        comparable = costs[node] <= cost and (any_time or depths[node] == depth)
+        if comparable and is_below(covariances[node], covariance):
+            return True
+        node = next_in_group[node]
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def append_node(
+    setting: Setting,
+    settings: Settings,
+    poses: Poses,
+    tree: Tree,
+    scratch: Scratch,
+    parent: int,
+    k: int,
+    place: int,
+    rows: IntArray,
+    cost: float,
+) -> int:
+    """Append the node whose covariance is in ``scratch``: links, goal test, Algorithm 2.
+
+    Where:
+        k: Its group, or -1 where it is the first of a new one, which goes to ``place``.
+
+    Returns:
+        Its group.
+    """
+    criteria, fields, counts, best = setting.criteria, setting.fields, tree.counts, tree.best
+    satisfied, assigned = scratch.satisfied, scratch.assigned
+    node = counts[NODES]
+    k = link_node(tree, parent, k, place, rows, cost)
+    tree.covariance[node] = scratch.covariance
+    numbers = scratch.numbers
+    read_numbers(scratch.covariance, criteria.terminal, numbers)
+    shortfall = shortfall_of(
+        numbers,
+        criteria.terminal,
+        criteria.terminal_scope,
+        criteria.threshold,
+        criteria.satisfied,
+        satisfied,
+    )
+    if shortfall < best[SHORTFALL]:
+        best[SHORTFALL] = shortfall
+        counts[CLOSEST] = node
+    if shortfall <= 1.0 and at_goal(setting.goal, poses.pose, rows):
+        counts[GOALS] += 1
+        if cost < best[COST]:
+            best[COST] = cost
+            counts[BEST] = node
+    for j in range(rows.shape[0]):
+        assigned[j] = 0 if parent < 0 else tree.assigned[parent, j]
+    if settings.assign or parent < 0:
+        t = min(int(tree.depth[node]), fields.of_target.shape[0] - 1)
+        assign_targets(
+            fields.distance_m,
+            fields.of_target[t],
+            poses.cell,
+            rows,
+            satisfied,
+            assigned,
+            parent < 0,
+            scratch.holders,
+            scratch.open_targets,
+        )
+    for j in range(rows.shape[0]):
+        tree.assigned[node, j] = assigned[j]
+    return k
+
+
+@njit(cache=True, error_model="numpy")
+def extend_group(
+    setting: Setting,
+    settings: Settings,
+    poses: Poses,
+    tree: Tree,
+    scratch: Scratch,
+    k: int,
+    rng: np.random.Generator,
+) -> None:
+    """Extend a group to the configuration ``tree.drawn``.
+
+    Where:
+        k: The group; the nodes that it holds on entry are extended, or one of them.
+    """
+    criteria, dynamics, counts = setting.criteria, setting.dynamics, tree.counts
+    rows, covariance, information = tree.drawn, scratch.covariance, scratch.information
+    costs, depths, covariances = tree.cost, tree.depth, tree.covariance
+    remembers = setting.sight.fixed and poses.successors.shape[0] > 0
+    new, place = find_group(tree.slots, tree.configuration, rows)
+    node, last = int(tree.head[k]), int(tree.tail[k])
+    if settings.one_node:
+        node = last
+        if rng.random() >= settings.p_group:
+            node = int(tree.head[k])
+            for _ in range(int(rng.random() * tree.size[k])):
+                node = int(tree.next_in_group[node])
+        last = node
+    seen_from = rows
+    if not settings.at_child:
+        seen_from = tree.configuration[k].astype(np.int64)
+    known = -1  # time of the information at hand: the same for all times where targets stay
+    while True:
+        t = int(depths[node])
+        following = int(tree.next_in_group[node])
+        skip, child = repeats(tree.first_child, tree.next_sibling, tree.group, node, new)
+        if settings.bound and costs[node] >= tree.best[COST]:
+            counts[BOUNDED] += 1
+        elif skip and new >= 0:
+            counts[REPEATED] += 1
+        else:
+            if child >= 0 and not settings.at_child:
+                covariance[:] = covariances[child]  # the same for all children
+            else:
+                if known != (0 if setting.sight.fixed else t):
+                    there = t + 1 if settings.at_child else t
+                    if not remembers or not sum_remembered(
+                        seen_from,
+                        poses.first,
+                        poses.entries,
+                        poses.target,
+                        poses.information,
+                        information,
+                    ):
+                        team_information(
+                            setting.sight, setting.obstacles, poses, seen_from, there, information
+                        )
+                    known = 0 if setting.sight.fixed else t
+                covariance[:] = covariances[node]
+                propagate_row(
+                    covariance,
+                    information,
+                    dynamics.identity,
+                    dynamics.transition,
+                    dynamics.process,
+                    t,
+                    settings.at_child,
+                )
+            read_numbers(covariance, criteria.objective, scratch.numbers)
+            term = total_of(scratch.numbers, criteria.objective, criteria.objective_scope)
+            cost = costs[node] + term
+            if settings.bound and cost >= tree.best[COST]:
+                counts[BOUNDED] += 1
+            elif (
+                settings.dominance > 0
+                and new >= 0
+                and is_dominated(
+                    int(tree.head[new]),
+                    tree.next_in_group,
+                    costs,
+                    depths,
+                    covariances,
+                    settings.dominance == 2,
+                    cost,
+                    t + 1,
+                    covariance,
+                )
+            ):
+                counts[DOMINATED] += 1
+            else:
+                new = append_node(
+                    setting, settings, poses, tree, scratch, node, new, place, rows, cost
+                )
+        if node == last:
+            break
+        node = following

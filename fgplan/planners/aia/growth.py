@@ -1,0 +1,267 @@
+"""One tree that grows: the state of a search, and the only thing that holds the kernels' arrays.
+
+``run`` is a loop over the compiled ``grow`` that makes room when asked to. Where the problem has a
+part that the kernels do not know, ``GuidedGrowth`` (``guided_growth``) drives them from Python.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from fgplan.planners.aia.arrays import Prepared, further, prepare, settings_of, unpacked
+from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
+from fgplan.planners.aia.densities import Densities
+from fgplan.planners.aia.extension_kernels import append_node
+from fgplan.planners.aia.geodesic_fields import GeodesicFields
+from fgplan.planners.aia.information_kernels import team_information
+from fgplan.planners.aia.options import TreeOptions
+from fgplan.planners.aia.pose_kernels import enter_pose
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.sampling_kernels import grow
+from fgplan.planners.aia.team_path import TeamPath
+from fgplan.planners.aia.tree import (
+    bytes_per_node,
+    make_poses,
+    make_scratch,
+    make_tree,
+    more_nodes,
+    more_poses,
+    needs_large_rows,
+    with_large_rows,
+)
+from fgplan.planners.aia.tree_kernels import (
+    BEST,
+    BOUNDED,
+    CLOSEST,
+    COST,
+    DOMINATED,
+    FEASIBLE,
+    GOALS,
+    ITERATIONS,
+    NEED_NODES,
+    NEED_POSES,
+    NEED_TIME,
+    NODE_LIMIT,
+    NODES,
+    REJECTED,
+    REPEATED,
+    SHORTFALL,
+    find_group,
+)
+from fgplan.riccati.block_diagonal import update_blocks
+from fgplan.typing import FloatArray, IntArray
+
+Ended = Literal["iterations", "feasible", "nodes"]
+
+
+class Growth:
+    """A tree with its problem; ``plant`` begins a new one."""
+
+    def __init__(
+        self, problem: AcquisitionProblem, options: TreeOptions, prepared: Prepared
+    ) -> None:
+        """Make room.
+
+        Args:
+            problem: What is planned for.
+            options: How.
+            prepared: The problem's arrays.
+        """
+        self.problem = problem
+        self.options = options
+        self.prepared = prepared
+        self.settings = settings_of(options, prepared)
+        self.scratch = make_scratch(prepared)
+        self.poses = make_poses(prepared)
+        self.tree = make_tree(prepared, self.poses, options.node_budget)
+
+    def plant(self, bound: float = np.inf) -> None:
+        """Begin a tree at the root q(0) = [p(0), Sigma(0)], line 1 of Algorithm 1.
+
+        Args:
+            bound: Cost of the best plan so far; a finite one turns branch and bound on.
+        """
+        tree, setting = self.tree, self.prepared.setting
+        tree.slots[:] = -1
+        tree.counts[:] = 0
+        tree.best[:] = (bound, np.inf)
+        if np.isfinite(bound):
+            self.settings = self.settings._replace(bound=True)
+        rows = tree.drawn
+        for j, robot in enumerate(self.problem.robots):
+            rows[j] = enter_pose(
+                self.poses, setting.fields.frame, setting.kind[j], *map(float, robot.pose)
+            )
+        self.scratch.covariance[:] = self.prepared.root
+        if self.settings.at_child:
+            self.scratch.covariance[:] = self._measured(rows)
+        _, place = find_group(tree.slots, tree.configuration, rows)
+        self._insert_root(place, rows)
+
+    def run(self, iterations: int, generator: np.random.Generator) -> Ended:
+        """Grow.
+
+        Args:
+            iterations: How many more at most.
+            generator: Source of every random number.
+
+        Returns:
+            Why it ended.
+        """
+        last = self.iterations + iterations
+        while True:
+            ended = grow(
+                self.prepared.setting,
+                self.settings,
+                self.poses,
+                self.tree,
+                self.scratch,
+                last - self.iterations,
+                generator,
+            )
+            if not self._made_room(ended):
+                break
+        if ended == FEASIBLE:
+            return "feasible"
+        return "nodes" if ended == NODE_LIMIT else "iterations"
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return int(self.tree.counts[NODES])
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return int(self.tree.counts[ITERATIONS])
+
+    @property
+    def feasible(self) -> bool:
+        """Whether a node satisfies the terminal constraint."""
+        return bool(self.tree.counts[GOALS] > 0)
+
+    @property
+    def best_cost(self) -> float:
+        """Cost of this tree's best plan; infinite if there is none."""
+        return float(self.tree.best[COST]) if self.feasible else np.inf
+
+    @property
+    def shortfall(self) -> float:
+        """Least shortfall of any node."""
+        return float(self.tree.best[SHORTFALL])
+
+    @property
+    def bytes_per_node(self) -> float:
+        """Memory by room for a node."""
+        return bytes_per_node(self.tree)
+
+    def counted(self) -> dict[str, int]:
+        """What was counted, by name."""
+        places = {
+            "nodes": NODES,
+            "iterations": ITERATIONS,
+            "feasible_nodes": GOALS,
+            "rejected_draws": REJECTED,
+            "repeated": REPEATED,
+            "left_out_by_bound": BOUNDED,
+            "left_out_by_dominance": DOMINATED,
+        }
+        return {name: int(self.tree.counts[place]) for name, place in places.items()}
+
+    def best_path(self) -> TeamPath:
+        """Path to the best node that satisfies the terminal constraint."""
+        return self.path_to(int(self.tree.counts[BEST]))
+
+    def closest_path(self) -> TeamPath:
+        """Path to the node of least shortfall."""
+        return self.path_to(int(self.tree.counts[CLOSEST]))
+
+    def path_to(self, node: int) -> TeamPath:
+        """Path from the root to a node.
+
+        Args:
+            node: Its number.
+
+        Returns:
+            Poses, covariances and cost.
+        """
+        tree = self.tree
+        nodes = [node]
+        while tree.parent[nodes[-1]] >= 0:
+            nodes.append(int(tree.parent[nodes[-1]]))
+        nodes.reverse()
+        rows = tree.configuration[tree.group[nodes]].astype(np.int64)
+        return TeamPath(
+            poses=self.poses.pose[rows],
+            covariances=unpacked(tree.covariance[nodes], packed=self.problem.packed),
+            cost=float(tree.cost[node]),
+            assigned=tree.assigned[nodes].astype(np.int64),
+        )
+
+    def _insert_root(self, place: int, rows: IntArray) -> None:
+        """Enter the root, whose covariance is in scratch."""
+        tree, setting = self.tree, self.prepared.setting
+        criteria, numbers = setting.criteria, self.scratch.numbers
+        read_numbers(self.scratch.covariance, criteria.objective, numbers)
+        cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        append_node(
+            setting, self.settings, self.poses, tree, self.scratch, -1, -1, place, rows, cost
+        )
+
+    def _measured(self, rows: IntArray) -> FloatArray:
+        """The root's covariance after measuring there, for measuring at the child."""
+        information = self._information(rows, 0)
+        if self.problem.packed:
+            now = unpacked(self.prepared.root, packed=True)
+            after = update_blocks(now, unpacked(information, packed=True))
+            return np.stack([after[:, 0, 0], after[:, 0, 1], after[:, 1, 1]], axis=1).ravel()
+        size = self.problem.hidden.size
+        now = self.prepared.root.reshape(1, size, size)
+        return update_blocks(now, information.reshape(1, size, size)).ravel()
+
+    def _information(self, rows: IntArray, time: int) -> FloatArray:
+        """Information of a configuration at a time, shape (width,)."""
+        setting = self.prepared.setting
+        out = np.zeros(len(self.prepared.root))
+        team_information(setting.sight, setting.obstacles, self.poses, rows, time, out)
+        return out
+
+    def _made_room(self, ended: int) -> bool:
+        """Make the room that a kernel asked for; False where it asked for none."""
+        if ended == NEED_NODES:
+            self.tree = more_nodes(self.tree, self.options.node_budget)
+        elif ended == NEED_POSES:
+            self.poses = more_poses(self.poses)
+            if needs_large_rows(self.tree, self.poses):
+                self.tree = with_large_rows(self.tree)
+        elif ended == NEED_TIME:
+            self.prepared = further(self.prepared, self.problem)
+        else:
+            return False
+        return True
+
+
+def make_growth(
+    problem: AcquisitionProblem,
+    options: TreeOptions,
+    densities: Densities | None = None,
+    fields: GeodesicFields | None = None,
+) -> Growth:
+    """The growth that a problem needs: all compiled where the kernels know every part.
+
+    Args:
+        problem: What is planned for.
+        options: How.
+        densities: A user's own f_V and f_U.
+        fields: Geodesic distances to be used again.
+
+    Returns:
+        A growth, not planted yet.
+    """
+    prepared = prepare(problem, options, fields)
+    known = prepared.compiled_sensors and prepared.compiled_terminal and prepared.compiled_objective
+    if known and densities is None and options.assignment != "optimal" and problem.packed:
+        return Growth(problem, options, prepared)
+    from fgplan.planners.aia.guided_growth import GuidedGrowth
+
+    return GuidedGrowth(problem, options, prepared, densities or Densities())

@@ -1,0 +1,90 @@
+"""Objective and terminal constraint by the registry of uncertainty functions.
+
+The numbers are those of ``covariance_kernels`` where both know the function (a test compares them).
+"""
+
+import numpy as np
+
+from fgplan.models.uncertainty import uncertainty_function
+from fgplan.planners.aia.arrays import covariance_row, unpacked
+from fgplan.planners.aia.covariance_kernels import DETERMINANT
+from fgplan.planners.aia.criteria_arrays import BUILT_IN, criteria_arrays
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.typing import BoolArray, FloatArray
+
+
+class Judgement:
+    """Reads covariances of one problem."""
+
+    def __init__(self, problem: AcquisitionProblem) -> None:
+        """Look at the problem once.
+
+        Args:
+            problem: The problem.
+        """
+        self._problem = problem
+        self._criteria, self._compiled = criteria_arrays(problem)
+        self._root = covariance_row(problem)
+        sizes = problem.hidden.sizes
+        ends = np.cumsum(sizes)
+        self._parts = [slice(int(e - n), int(e)) for e, n in zip(ends, sizes, strict=True)]
+        self._prior = self._blocks(self._root)
+
+    def _blocks(self, row: FloatArray) -> list[FloatArray]:
+        """Covariance of each target."""
+        whole = unpacked(row, packed=self._problem.packed)
+        return list(whole) if self._problem.packed else [whole[p, p] for p in self._parts]
+
+    def _joint(self, row: FloatArray) -> FloatArray:
+        """Covariance of the stacked state."""
+        whole = unpacked(row, packed=self._problem.packed)
+        if not self._problem.packed:
+            return whole
+        joint = np.zeros((self._problem.hidden.size,) * 2)
+        for part, block in zip(self._parts, whole, strict=True):
+            joint[part, part] = block
+        return joint
+
+    def _numbers(self, row: FloatArray, name: str, *, joint: bool) -> FloatArray:
+        """Numbers of each target's covariance, or one of the joint covariance."""
+        function = uncertainty_function(name)
+        if joint:
+            prior = self._joint(self._root)
+            return np.atleast_1d(function.evaluate(self._joint(row), prior))
+        pairs = zip(self._blocks(row), self._prior, strict=True)
+        return np.array([float(function.evaluate(block, prior)) for block, prior in pairs])
+
+    def term(self, row: FloatArray) -> float:
+        """The objective's term of one step.
+
+        Args:
+            row: Covariances, shape (width,).
+        """
+        joint = self._problem.objective_scope == "joint"
+        return float(self._numbers(row, self._problem.objective, joint=joint).sum())
+
+    def judge(self, row: FloatArray) -> tuple[float, BoolArray]:
+        """Shortfall of the terminal constraint, and which targets are satisfied.
+
+        Args:
+            row: Covariances, shape (width,).
+        """
+        terminal, criteria = self._problem.terminal, self._criteria
+        joint = terminal.scope == "joint"
+        if not self._compiled:
+            values = self._numbers(row, terminal.function, joint=joint)
+            limits = terminal.limits(self._problem.targets)
+            over = np.where(limits > 0.0, values / np.where(limits > 0.0, limits, 1.0), 0.0)
+            over = np.where(limits > 0.0, over, np.exp(values - limits))
+            each = over <= 1.0
+            return float(over.max()), np.broadcast_to(each, (self._problem.targets,)).copy()
+        name = next(name for name, code in BUILT_IN.items() if code == criteria.terminal)
+        numbers = self._numbers(row, name, joint=False)
+        satisfied = numbers <= criteria.satisfied
+        if not joint:
+            return float((numbers / criteria.threshold).max()), satisfied
+        if criteria.terminal == DETERMINANT:
+            over = np.linalg.slogdet(self._joint(row))[1] - criteria.threshold[0]
+            return float(np.exp(over / self._problem.hidden.size)), satisfied
+        whole = self._numbers(row, name, joint=True)[0]
+        return float(whole / criteria.threshold[0]), satisfied

@@ -1,0 +1,121 @@
+"""Planner ``aia``: a sampling tree over team configurations and covariances.
+
+Kantaros, Schlotfeldt, Atanasov and Pappas, "Asymptotically Optimal Planning for Non-myopic
+Multi-Robot Information Gathering", RSS 2019: Algorithm 1 with the assignment of Algorithm 2.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from fgplan.errors import InvalidInputError, OptionError
+from fgplan.evaluation.registry import find_object
+from fgplan.planners.aia.densities import Densities
+from fgplan.planners.aia.mission_problem import (
+    PROBLEM_OPTIONS,
+    mission_plan,
+    mission_problem,
+    no_plan,
+    read_problem_options,
+)
+from fgplan.planners.aia.options import split_options, tree_options
+from fgplan.planners.mission import Mission
+from fgplan.planners.plan import Plan
+from fgplan.planners.planner import Progress
+
+_WHY = {
+    "iterations": "the iterations are spent",
+    "nodes": "the node budget is spent",
+    "seconds": "the time is over",
+    "stalled": "the tree holds every node that it can reach",
+    "interrupted": "interrupted",
+}
+
+
+class AiaPlanner:
+    """Planner ``aia``.
+
+    Options: ``preset`` (``paper``, ``reproduction`` or ``pruned``; ``pruned`` if left out), those
+    of ``TreeOptions`` and of ``ProblemOptions``, ``f_group`` and ``f_control`` (a user's own f_V
+    and f_U as "module:function") with ``least_group`` and ``least_control``.
+    """
+
+    name = "aia"
+
+    def plan(
+        self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
+    ) -> Plan:
+        """Plan for every robot of a mission.
+
+        Args:
+            mission: Robots with sensors, and targets.
+            generator: Source of every random number.
+            progress: Told nodes, the budget, and the best value so far.
+
+        Returns:
+            The best plan found; after an interrupt the best so far, not ``agreed``.
+
+        Raises:
+            NoCandidatePathError: If no feasible plan was found; says the best uncertainty reached.
+            OptionError: If an option is not known or not usable.
+            InvalidInputError: If the mission is not one of gathering information.
+        """
+        from fgplan.planners.aia.search import search
+
+        own, others = split_options(mission.options, PROBLEM_OPTIONS)
+        problem = mission_problem(mission, read_problem_options(own))
+        densities, others = _densities(others)
+        preset = others.pop("preset", "pruned")
+        options = tree_options(preset, **others)
+        found = search(problem, options, generator, progress=progress, densities=densities)
+        if found.plan is None:
+            if found.ending == "interrupted":
+                raise KeyboardInterrupt
+            why = found.reason or _WHY.get(found.ending, found.ending)
+            raise no_plan(self.name, problem, found.shortfall, why)
+        warnings = () if found.ending != "interrupted" else ("interrupted: the best plan so far",)
+        return mission_plan(
+            mission,
+            problem,
+            found.plan,
+            planner=self.name,
+            agreed=found.ending != "interrupted",
+            report=found.counts,
+            seconds=found.seconds,
+            options={"preset": preset, **asdict(options), **own},
+            warnings=warnings,
+            details={
+                "ending": found.ending,
+                "shortfall": found.shortfall,
+                "bytes_per_node": found.bytes_per_node,
+                "improvements": [list(one) for one in found.improvements],
+            },
+        )
+
+
+def _densities(given: Mapping[str, Any]) -> tuple[Densities | None, dict[str, Any]]:
+    """A user's own densities, and the other options."""
+    names = ("f_group", "f_control", "least_group", "least_control")
+    own, others = split_options(given, names)
+    if not own:
+        return None, others
+    made = {}
+    for name in ("f_group", "f_control"):
+        made[name] = None if name not in own else find_object(own[name], {}, f"option {name}")
+    for name in ("least_group", "least_control"):
+        if not isinstance(own.get(name, 0.0), int | float):
+            raise OptionError(f"planner option {name}: expected a number, got {own[name]!r}")
+    try:
+        return (
+            Densities(
+                groups=made["f_group"],
+                controls=made["f_control"],
+                least_group=float(own.get("least_group", 0.0)),
+                least_control=float(own.get("least_control", 0.0)),
+            ),
+            others,
+        )
+    except InvalidInputError as error:
+        raise OptionError(str(error)) from error

@@ -1,0 +1,295 @@
+"""Compiled: the densities f_V (8) and f_U (9) of Kantaros et al. 2019, and the loop of Algorithm 1.
+
+f_V draws one of the groups with a node of greatest depth with probability p_V, else one of the
+others (where there are no others, one of the former). f_U is a product over robots: with u* the
+control whose end is nearest to the robot's assigned target by geodesic distance, and d the straight
+distance of that end to the target,
+
+    d > near    u* with probability p_U, otherwise uniform over the robot's controls
+    d <= near   uniform
+
+which is (9) with its probabilities made to sum to one; the paper's ``near`` is the sensing range.
+Assignment and time are those of the group's node inserted last. One uniform number is drawn for
+each robot, two or more for the group.
+"""
+
+import numpy as np
+from numba import njit
+
+from fgplan.planners.aia.covariance_kernels import read_numbers, shortfall_of
+from fgplan.planners.aia.extension_kernels import extend_group
+from fgplan.planners.aia.pose_kernels import (
+    ENTRY_COUNT,
+    POSE_COUNT,
+    Poses,
+    enter_pose,
+    find_cell,
+    follow_controls,
+    remember_successors,
+)
+from fgplan.planners.aia.tree_kernels import (
+    DEEPEST,
+    DEPTH,
+    DONE,
+    DRAWN,
+    FEASIBLE,
+    GOALS,
+    GROUPS,
+    ITERATIONS,
+    NEED_NODES,
+    NEED_POSES,
+    NEED_TIME,
+    NODE_LIMIT,
+    NODES,
+    PENDING,
+    REJECTED,
+    Scratch,
+    Setting,
+    Settings,
+    Tree,
+)
+from fgplan.typing import FloatArray, IntArray
+
+
+@njit(cache=True, error_model="numpy")
+def draw_group(
+    counts: IntArray,
+    deepest: IntArray,
+    stamp: IntArray,
+    p_group: float,
+    uniform: bool,
+    rng: np.random.Generator,
+) -> int:
+    """Draw a group by f_V (8)."""
+    groups, deep = counts[GROUPS], counts[DEEPEST]
+    if uniform:
+        return int(rng.random() * groups)
+    biased = rng.random() < p_group
+    if biased or groups == deep:
+        return int(deepest[int(rng.random() * deep)])
+    while True:
+        k = int(rng.random() * groups)
+        if stamp[k] != counts[DEPTH]:
+            return k
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, controls: int) -> int:
+    """Free control whose end is nearest by geodesic distance; -1 where none reaches."""
+    best = -1
+    nearest = np.inf
+    for u in range(controls):
+        if found[u] != -1 and distances[cells[u]] < nearest:
+            nearest = distances[cells[u]]
+            best = u
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def _widest_turn(
+    before: FloatArray, ends: FloatArray, found: IntArray, controls: int, target: FloatArray
+) -> int:
+    """Free control that circles a target by the greatest angle, counterclockwise."""
+    best = -1
+    widest = -np.inf
+    ax, ay = before[0] - target[0], before[1] - target[1]
+    for u in range(controls):
+        if found[u] == -1:
+            continue
+        bx, by = ends[u, 0] - target[0], ends[u, 1] - target[1]
+        angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+        if angle > widest:
+            widest = angle
+            best = u
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def _chosen(
+    preferred: int,
+    p_control: float,
+    jointly: bool,
+    found: IntArray,
+    controls: int,
+    number: float,
+) -> int:
+    """Control of one uniform number: u* with probability p_U, otherwise uniform."""
+    if preferred >= 0:
+        if number < p_control:
+            return preferred
+        number = (number - p_control) / (1.0 - p_control)
+    if jointly:
+        return int(number * controls)
+    free = 0
+    for u in range(controls):
+        if found[u] != -1:
+            free += 1
+    place = int(number * free)
+    for u in range(controls):
+        if found[u] != -1:
+            if place == 0:
+                return u
+            place -= 1
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bool:
+    """Whether a node satisfies the terminal constraint, wherever the robots are."""
+    criteria = setting.criteria
+    read_numbers(tree.covariance[node], criteria.terminal, scratch.numbers)
+    shortfall = shortfall_of(
+        scratch.numbers,
+        criteria.terminal,
+        criteria.terminal_scope,
+        criteria.threshold,
+        criteria.satisfied,
+        scratch.satisfied,
+    )
+    return shortfall <= 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def draw_controls(
+    setting: Setting,
+    settings: Settings,
+    poses: Poses,
+    tree: Tree,
+    k: int,
+    uniform: bool,
+    finished: bool,
+    ends: FloatArray,
+    cells: IntArray,
+    found: IntArray,
+    rng: np.random.Generator,
+) -> bool:
+    """Draw a configuration by f_U (9) into ``tree.drawn``; False where it is not free.
+
+    Where:
+        finished: Whether the group's last node has nothing to learn: robots then prefer controls
+            towards their terminal goals. ``ends``, ``cells`` and ``found`` are scratch.
+    """
+    node = tree.tail[k]
+    assigned = tree.assigned[node]
+    fields, places = setting.fields, setting.sight.places
+    successors, pose, cell = poses.successors, poses.pose, poses.cell
+    t = min(tree.depth[node] + 1, fields.of_target.shape[0] - 1)
+    of_target, place = fields.of_target[t], places[min(t, places.shape[0] - 1)]
+    distance_m, of_goal, near_m = fields.distance_m, fields.of_goal, setting.near_m
+    rows, drawn = tree.configuration[k], tree.drawn
+    remembered = successors.shape[0] > 0
+    free_everywhere = True
+    for j in range(rows.shape[0]):
+        row = int(rows[j])
+        kind = poses.kind[row]
+        controls = setting.motions.controls[kind]
+        if remembered:
+            if successors[row, 0] == -2:
+                remember_successors(
+                    poses, setting.motions, setting.obstacles, fields.frame, row, ends, found
+                )
+            for u in range(controls):
+                found[u] = successors[row, u]
+        else:
+            follow_controls(
+                setting.motions, setting.obstacles, pose[row], kind, cell[row], ends, found
+            )
+        preferred = -1
+        if not uniform:
+            for u in range(controls):
+                if found[u] >= 0:
+                    cells[u] = cell[found[u]]
+                elif found[u] == -2:
+                    cells[u] = find_cell(fields.frame, ends[u, 0], ends[u, 1])
+            to_goal = finished and of_goal[j] >= 0
+            field = of_goal[j] if to_goal else of_target[assigned[j]]
+            preferred = _nearest_end(distance_m[field], cells, found, controls)
+            if preferred >= 0 and not to_goal:
+                target = place[assigned[j]]
+                end = pose[found[preferred]] if found[preferred] >= 0 else ends[preferred]
+                dx, dy = end[0] - target[0], end[1] - target[1]
+                if dx * dx + dy * dy <= near_m[j] * near_m[j]:
+                    preferred = -1
+                    if settings.circle:
+                        if remembered:
+                            for u in range(controls):
+                                if found[u] >= 0:
+                                    ends[u] = pose[found[u]]
+                        preferred = _widest_turn(pose[row], ends, found, controls, target)
+        chosen = _chosen(
+            preferred, settings.p_control, settings.reject_jointly, found, controls, rng.random()
+        )
+        if chosen < 0 or found[chosen] == -1:
+            free_everywhere = False
+        elif found[chosen] == -2:
+            end = ends[chosen]
+            drawn[j] = enter_pose(poses, fields.frame, kind, end[0], end[1], end[2])
+        else:
+            drawn[j] = found[chosen]
+    return free_everywhere
+
+
+@njit(cache=True)
+def grow(
+    setting: Setting,
+    settings: Settings,
+    poses: Poses,
+    tree: Tree,
+    scratch: Scratch,
+    iterations: int,
+    rng: np.random.Generator,
+) -> int:
+    """Iterations of Algorithm 1, lines 2 to 17.
+
+    Where:
+        iterations: How many more at most.
+
+    Returns:
+        ``DONE``, ``FEASIBLE``, ``NODE_LIMIT``, or what more room is needed for: then call again,
+        nothing is lost.
+    """
+    most = setting.motions.relative.shape[1]
+    ends = np.empty((most, 3))
+    cells = np.zeros(most, np.int64)
+    found = np.empty(most, np.int64)
+    counts, used = tree.counts, poses.counts
+    stamp, deepest, size = tree.stamp, tree.deepest, tree.size
+    robots, targets = setting.kind.shape[0], setting.sight.places.shape[1]
+    new = robots * most if poses.successors.shape[0] > 0 else robots
+    room = poses.pose.shape[0] - new
+    room_for_entries = poses.target.shape[0] - 2 * robots * targets
+    times = setting.fields.of_target.shape[0]
+    capacity = tree.parent.shape[0]
+    goals = setting.fields.of_goal.max() >= 0
+    last = counts[ITERATIONS] + iterations
+    while counts[ITERATIONS] < last:
+        if used[POSE_COUNT] > room or used[ENTRY_COUNT] > room_for_entries:
+            return NEED_POSES
+        if times > 1 and counts[DEPTH] + 3 > times:
+            return NEED_TIME
+        if counts[PENDING] == 0:
+            uniform = counts[ITERATIONS] >= settings.uniform_from or (
+                settings.uniform_after_goal and counts[GOALS] > 0
+            )
+            k = draw_group(counts, deepest, stamp, settings.p_group, uniform, rng)
+            finished = goals and is_finished(setting, tree, scratch, tree.tail[k])
+            if not draw_controls(
+                setting, settings, poses, tree, k, uniform, finished, ends, cells, found, rng
+            ):
+                counts[REJECTED] += 1
+                counts[ITERATIONS] += 1
+                continue
+            counts[DRAWN] = k
+        k = counts[DRAWN]
+        more = 1 if settings.one_node else size[k]
+        if counts[NODES] + more > settings.node_limit:
+            return NODE_LIMIT
+        if counts[NODES] + more > capacity:
+            counts[PENDING] = 1
+            return NEED_NODES
+        counts[PENDING] = 0
+        counts[ITERATIONS] += 1
+        extend_group(setting, settings, poses, tree, scratch, k, rng)
+        if settings.stop_at_goal and counts[GOALS] > 0:
+            return FEASIBLE
+    return DONE
