@@ -9,7 +9,6 @@ Several runs (``runs``, ``--seeds``) have a folder each, ``seed-N``; pictures ar
 
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -21,13 +20,13 @@ from fgplan.errors import InvalidInputError, MissingExtraError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.loop_folder import check_loop_folder, read_loop, run_in_folder
 from fgplan.io.loop_mission import make_loop_mission
+from fgplan.io.loop_tracks import write_tracks
 from fgplan.io.named_files import named_files
 from fgplan.io.place import Place
 from fgplan.io.result_file import Requirement, require_at_most, require_true
 from fgplan.io.run_folder import begin_run
 from fgplan.io.scenario import Scenario
 from fgplan.io.simulation_table import SimulationTable
-from fgplan.io.tum import write_tum
 from fgplan.planners.mission import Mission
 from fgplan.viz.animation import animate_loop
 from fgplan.viz.loop_figures import draw_loop_figures
@@ -125,31 +124,6 @@ def draw_loop_folder(folder: Path, *, frames: int = 100, dpi: int = 100) -> tupl
         *figures,
         animate_loop(history, folder / FILM, workspace=workspace, frames=frames, dpi=dpi),
     )
-
-
-def write_tracks(history: LoopHistory, folder: Path) -> tuple[Path, ...]:
-    """Write estimated and true trajectories as TUM files.
-
-    Args:
-        history: A loop that has ended.
-        folder: Its run folder.
-
-    Returns:
-        The files: ``trajectories/ROBOT.tum`` and ``truth/ROBOT.tum``, %2F for / in a name.
-    """
-    if history.final is None:
-        return ()
-    times = np.array([step.time_s for step in history.steps])
-    files = []
-    for name in ("trajectories", "truth"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    for robot, poses in history.final.trajectories.items():
-        steps = list(history.final.trajectory_steps[robot])
-        truth = [history.steps[step].truth[robot] for step in steps]
-        for name, each in (("trajectories", poses), ("truth", np.array(truth))):
-            files.append(folder / name / f"{quote(robot, safe='')}.tum")
-            write_tum(files[-1], times[steps], each)
-    return tuple(files)
 
 
 def _run(mission: LoopMission, folder: Path, compare: bool, options: CommandOptions) -> LoopHistory:

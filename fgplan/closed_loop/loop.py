@@ -17,7 +17,7 @@ evaluator that is executed (its messages are needed later) and must end as recor
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,7 +39,7 @@ def run_loop(
     *,
     past: Sequence[Record] = (),
     contestants: Mapping[str, Contestant] = OURS,
-    compare: bool = False,
+    compare: bool | Collection[int] = False,
 ) -> Iterator[Record]:
     """Run a mission until every goal is reached, or given up because no way leads there.
 
@@ -49,7 +49,8 @@ def run_loop(
             not handed on again.
         contestants: Ways of planning each session; ``incremental_choose`` is among them, and its
             choice is executed. Recorded sessions are not planned by the others again.
-        compare: Whether all values of each session are compared with from scratch by QR.
+        compare: Whether all values of each session are compared with from scratch by QR, or the
+            numbers of the sessions in which they are.
 
     Yields:
         A record a step and a session, as they happen; the final SLAM result at the end.

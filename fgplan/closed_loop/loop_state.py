@@ -6,7 +6,7 @@ obstacle is seen from where a robot truly is and known to all from then on.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -75,7 +75,7 @@ class LoopState:
         return any(self.next_goal[r.name] < len(r.goals) for r in self.mission.robots)
 
     def plan(
-        self, contestants: Mapping[str, Contestant], compare: bool
+        self, contestants: Mapping[str, Contestant], compare: bool | Collection[int]
     ) -> SessionRecord | GivenUpRecord:
         """Hold a planning session.
 
@@ -128,7 +128,7 @@ class LoopState:
             self.roadmap.workspace,
             self.carried,
             contestants,
-            compare=compare,
+            compare=compare if isinstance(compare, bool) else self.sessions in compare,
         )
         self.legs, self.carried = dict(outcome.legs), outcome.carried
         self.trigger, self.obstacles, self.edges_removed = None, (), 0

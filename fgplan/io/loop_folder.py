@@ -10,7 +10,7 @@ it would have had.
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def run_in_folder(
     folder: Path,
     *,
     contestants: Mapping[str, Contestant] = OURS,
-    compare: bool = False,
+    compare: bool | Collection[int] = False,
 ) -> Iterator[Record]:
     """Run a closed loop and write every record, or go on with one that was stopped.
 

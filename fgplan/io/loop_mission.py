@@ -6,6 +6,7 @@ paths are made by the options of the planner; ``spacing_m`` of these is the long
 """
 
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ import numpy as np
 from fgplan.closed_loop.mission import LoopMission, LoopRobot
 from fgplan.errors import OptionError
 from fgplan.factors.keys import symbol_key
+from fgplan.io.mission_file import make_mission
 from fgplan.io.place import Place
 from fgplan.io.scenario import IndependentPrior, RobotTable, Scenario
+from fgplan.io.scenario_file import read_scenario
 from fgplan.io.sensor_table import make_covariance
 from fgplan.io.simulation_table import NoiseTable, SimulationTable, UnmappedTable
 from fgplan.models.motion import MotionModel
@@ -29,6 +32,35 @@ PLANNER = "impacted_paths"
 
 _UNMAPPED = 100
 """What random numbers are for: apart from those of the loop."""
+
+
+def load_loop_mission(path: str | Path, seed: int | None = None) -> LoopMission:
+    """Read a scenario file with ``[simulation]`` and make the closed loop that it describes.
+
+    Args:
+        path: A ``.toml``, ``.yaml`` or ``.yml`` file.
+        seed: Seed of everything that is drawn; None takes the file's.
+
+    Returns:
+        The closed loop, for ``run_loop`` or ``run_in_folder``.
+
+    Raises:
+        ScenarioError: If anything in the file is wrong, or it has no ``[simulation]``.
+        MissingExtraError: If the file needs a package that is not installed.
+
+    Example:
+        >>> mission = load_loop_mission("examples/scenarios/closed_loop.toml")
+        >>> len(mission.world.landmark_keys), len(mission.unknown_obstacles)
+        (40, 1)
+    """
+    scenario, place = read_scenario(path), Place(Path(path))
+    simulation = scenario.simulation
+    if simulation is None:
+        raise place.at("simulation").error("expected a table that says what is executed, got none")
+    if seed is None:
+        seed = scenario.seed if simulation.seed is None else simulation.seed
+    mission = make_mission(scenario, place.file)
+    return make_loop_mission(scenario, simulation, mission, seed, place)
 
 
 def make_loop_mission(

@@ -14,7 +14,7 @@ from fgplan.closed_loop.loop import run_loop
 from fgplan.errors import ScenarioError
 from fgplan.factors.keys import symbol_key
 from fgplan.io.loop_folder import LOOP, read_loop
-from fgplan.io.loop_mission import make_loop_mission
+from fgplan.io.loop_mission import load_loop_mission, make_loop_mission
 from fgplan.io.mission_file import make_mission
 from fgplan.io.place import Place
 from fgplan.io.scenario_file import read_scenario
@@ -90,11 +90,8 @@ def write(tmp_path, *changes):
     return path
 
 
-def load(path, seed=4):
-    scenario = read_scenario(path)
-    return make_loop_mission(
-        scenario, scenario.simulation, make_mission(scenario, path), seed, Place(path)
-    )
+def load(path, seed=None):
+    return load_loop_mission(path, seed)
 
 
 @pytest.fixture(scope="module")
@@ -327,6 +324,14 @@ def test_robots_in_space(tmp_path):
 def test_scenario_is_refused_by_field(tmp_path, changes, message):
     with pytest.raises(ScenarioError, match=message):
         load(write(tmp_path, *changes))
+
+
+def test_scenario_without_simulation_is_no_closed_loop(tmp_path):
+    path = write(
+        tmp_path, ("[simulation]\ncompare = true\n\n[simulation.landmarks]\ncount = 12\n", "")
+    )
+    with pytest.raises(ScenarioError, match=r"what is executed, got none - at `\$\.simulation`"):
+        load(path)
 
 
 def test_past_of_a_log_is_refused(tmp_path):

@@ -30,9 +30,9 @@ import sys
 from pathlib import Path
 import closed_loop_worlds as worlds
 from fgplan.io.loop_folder import run_in_folder
-print("ready", flush=True)
 for record in run_in_folder(worlds.small_mission(1), Path(sys.argv[1])):
     print(type(record).__name__, flush=True)
+    sys.stdin.readline()
 """
 
 
@@ -125,17 +125,21 @@ def assert_same_folder(one, other):
 )
 def test_process_that_is_killed_is_gone_on_with(folder, tmp_path, mission, number):
     lines = (folder / LOOP).read_bytes().count(b"\n")
-    stop_after = random.Random(number).randrange(1, lines - 1)
+    generator = random.Random(number)
+    allowed = generator.randrange(1, lines - 2)  # it waits after so many records and one more
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent)])}
     with subprocess.Popen(
         [sys.executable, "-c", SCRIPT, str(tmp_path)],
         env=environment,
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
-        for _ in range(stop_after):
+        process.stdin.write("\n" * allowed)
+        process.stdin.flush()
+        for _ in range(allowed):
             process.stdout.readline()
-        time.sleep(random.Random(number).uniform(0.0, 0.02))
+        time.sleep(generator.uniform(0.0, 0.05))
         process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
     written = (tmp_path / LOOP).read_bytes().count(b"\n")

@@ -280,6 +280,16 @@ def test_loop_is_given_up_after_max_steps(mission, records):
     worlds.assert_same(cut[:-1], records[: len(cut) - 1])
 
 
+def test_sessions_that_are_compared_can_be_named(mission):
+    compared = worlds.sessions_of(run_loop(mission, compare={2, 3}))
+    assert [session.max_rel_diff is not None for session in compared[:4]] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+
+
 def test_landmarks_known_beforehand_are_in_the_first_plan():
     mission = worlds.small_mission(1)
     keys = mission.world.landmark_keys[:4]
