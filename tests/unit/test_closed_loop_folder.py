@@ -183,11 +183,11 @@ def test_folder_that_is_a_file_is_refused(mission, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda lines: lines[:3] + [b"{}\n"], "line 4: expected a record"),
-        (lambda lines: lines[:3] + [b'{"kind":"dance"}\n'], "line 4: expected a record"),
-        (lambda lines: lines[:3] + [b'{"kind":"step"}\n'], "line 4: expected a record"),
-        (lambda lines: lines[:3] + [b"[1]\n"], "line 4: expected a record"),
-        (lambda lines: lines[:2] + [lines[2][:50] + b"\n"], "line 3: expected a record"),
+        (lambda lines: [*lines[:3], b"{}\n"], "line 4: expected a record"),
+        (lambda lines: [*lines[:3], b'{"kind":"dance"}\n'], "line 4: expected a record"),
+        (lambda lines: [*lines[:3], b'{"kind":"step"}\n'], "line 4: expected a record"),
+        (lambda lines: [*lines[:3], b"[1]\n"], "line 4: expected a record"),
+        (lambda lines: [*lines[:2], lines[2][:50] + b"\n"], "line 3: expected a record"),
         (
             lambda lines: [lines[0].replace(b"loop.v1", b"loop.v9")],
             "expected 'loop.v1' on the first line, got 'loop.v9'",
