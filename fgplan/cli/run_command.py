@@ -196,10 +196,12 @@ def _estimate_results(estimate: PastEstimate | None) -> dict[str, Any]:
 
 def _begin(path: Path, scenario: Scenario, folder: Path, log: LogRun | None) -> None:
     """Put the scenario and what it names into the run folder; what an earlier run left goes."""
-    remove_past_files(folder)
+    named = () if log is not None else named_files(scenario, path)
+    sources = [path.parent / name for name in named] if log is None else log.estimate.past.files
+    remove_past_files(folder, sources)
     (folder / PLANS).unlink(missing_ok=True)
     if log is None:
-        begin_run(path, folder, named_files(scenario, path))
+        begin_run(path, folder, named)
         return
     copy_log_run(log, folder)
 

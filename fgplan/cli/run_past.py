@@ -6,13 +6,14 @@ The run folder gets the derived scenario and a copy of the log in ``past``, so t
 
 import shutil
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from fgplan.errors import FgplanError, InvalidInputError, ScenarioError
 from fgplan.io.named_files import named_files
 from fgplan.io.past_estimate import PastEstimate, estimate_past
-from fgplan.io.past_formats import read_team_past
+from fgplan.io.past_formats import is_log_file, read_team_past
 from fgplan.io.past_scenario import DerivedScenario, derive_scenario
 from fgplan.io.place import Place
 from fgplan.io.run_folder import begin_run
@@ -22,6 +23,9 @@ from fgplan.io.scenario_text import scenario_text
 
 COPIED = "past"
 """Folder of a run folder that holds the log."""
+
+_DERIVED = "Derived by fgplan run from a log; see fgplan/io/past_scenario.py."
+"""First remark of a derived scenario."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,16 +73,20 @@ def copy_log_run(run: LogRun, folder: Path) -> None:
         folder: The run folder.
 
     Raises:
-        InvalidInputError: If it cannot be written.
+        InvalidInputError: If it cannot be written, or files that no run wrote are in its way.
     """
+    past = run.estimate.past
+    in_the_way = _other_copies(past.files, folder)
     with tempfile.TemporaryDirectory() as made:
         scenario = Path(made) / "scenario.toml"
         try:
             scenario.write_text(scenario_text(run.derived.tables, _remarks(run)), encoding="utf-8")
             (Path(made) / COPIED).mkdir()
-            for file in run.estimate.past.files:
-                shutil.copyfile(file, Path(made) / COPIED / file.name)
-            for earlier in (folder / COPIED).glob("*.*"):
+            for file in past.files:
+                # A folder is read by its *.g2o files, whatever case a single file's ending has.
+                name = f"{file.stem}.g2o" if past.format == "g2o" else file.name
+                shutil.copyfile(file, Path(made) / COPIED / name)
+            for earlier in in_the_way:
                 earlier.unlink()
         except OSError as error:
             raise InvalidInputError(
@@ -120,6 +128,24 @@ def past_lines(estimate: PastEstimate | None, run: LogRun | None) -> list[str]:
     return lines
 
 
+def _other_copies(files: Sequence[Path], folder: Path) -> list[Path]:
+    """Files of another log where this one is copied to; only those that a run has put there."""
+    own = {file.resolve() for file in files}
+    found = [file for file in sorted((folder / COPIED).glob("*")) if file.resolve() not in own]
+    if not found:
+        return []
+    try:
+        text = (folder / "scenario.toml").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        text = ""
+    if not text.startswith(f"# {_DERIVED}"):
+        raise InvalidInputError(
+            f"{folder / COPIED}: expected no folder of this name, or one that fgplan run wrote, got "
+            f"{found[0].name} in it; the log is copied there: choose another --out"
+        )
+    return [file for file in found if is_log_file(file)]
+
+
 def _remarks(run: LogRun) -> list[str]:
     """What stands above the derived scenario."""
-    return ["Derived by fgplan run from a log; see fgplan/io/past_scenario.py.", *run.derived.notes]
+    return [_DERIVED, *run.derived.notes]

@@ -12,7 +12,7 @@ the plane, rows x y rotation_z; landmarks x y (z). By rows. g2o has no times: it
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from fgplan.io.tum import write_tum
 from fgplan.typing import Covariance, Key
 
 COVARIANCES_SCHEMA = "covariances.v1"
+_WRITTEN = ("trajectories/*.tum", "pose_graph.g2o", "pose_graph.pyfg", "covariances.json")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,16 +117,26 @@ def write_past_files(
     return tuple(files), notes
 
 
-def remove_past_files(folder: Path) -> None:
+def remove_past_files(folder: Path, sources: Iterable[Path] = ()) -> None:
     """Remove what an earlier run left of its past, so that it does not stand beside another's.
 
     Args:
         folder: The run folder.
+        sources: Files that the run reads; if one of them would go, nothing is removed.
+
+    Raises:
+        InvalidInputError: If a file that the run reads has a name that the run writes.
     """
-    tracks = folder / "trajectories"
-    for pattern in ("trajectories/*.tum", "pose_graph.g2o", "pose_graph.pyfg", "covariances.json"):
-        for earlier in folder.glob(pattern):
-            earlier.unlink()
+    tracks, read = folder / "trajectories", {source.resolve() for source in sources}
+    earlier = [file for pattern in _WRITTEN for file in sorted(folder.glob(pattern))]
+    for file in earlier:
+        if file.resolve() in read:
+            raise InvalidInputError(
+                f"{file}: expected a run folder other than that of the log, because a run writes a "
+                "file of this name; choose another --out"
+            )
+    for file in earlier:
+        file.unlink()
     if tracks.is_dir() and not any(tracks.iterdir()):
         tracks.rmdir()
 

@@ -17,6 +17,11 @@ def is_team_past(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in (".g2o", ".pyfg")
 
 
+def is_log_file(path: Path) -> bool:
+    """Whether a file is one that some format reads, by its ending."""
+    return path.is_file() and path.suffix.lower() in (".g2o", ".pyfg", ".dat")
+
+
 def read_team_past(path: Path | str) -> TeamPast:
     """Read a team's past, whatever its format.
 

@@ -108,6 +108,41 @@ def test_a_run_folder_is_used_again_for_another_log(tmp_path, capsys):
     capsys.readouterr()
 
 
+def test_a_run_never_removes_a_log_or_files_of_a_user(tmp_path, capsys):
+    graph = team(tmp_path).rename(tmp_path / "pose_graph.g2o")
+    content = graph.read_bytes()
+    assert main(["run", str(graph), "--quick", "--out", str(tmp_path)]) == 2
+    assert "expected a run folder other than that of the log" in capsys.readouterr().err
+    assert graph.read_bytes() == content
+    # A scenario that names such a file, run where it lies.
+    out = tmp_path / "out"
+    assert main(["run", str(graph), "--quick", "--out", str(out)]) == 0
+    text = (out / "scenario.toml").read_text().replace('["past"]', '["pose_graph.g2o"]')
+    (tmp_path / "scenario.toml").write_text(text)
+    assert main(["run", str(tmp_path / "scenario.toml"), "--quick", "--out", str(tmp_path)]) == 2
+    assert graph.read_bytes() == content
+    # A user's own folder of the name that a log is copied to.
+    mine = tmp_path / "mine" / "past"
+    mine.mkdir(parents=True)
+    (mine / "notes.txt").write_text("mine")
+    assert main(["run", str(graph), "--quick", "--out", str(mine.parent)]) == 2
+    assert "choose another --out" in capsys.readouterr().err
+    assert (mine / "notes.txt").read_text() == "mine"
+    # Beside the copy that a run made, what is no log stays.
+    (out / "past" / "notes.txt").write_text("mine")
+    assert main(["run", str(team(tmp_path, "pyfg")), "--quick", "--out", str(out)]) == 0
+    assert sorted(path.name for path in (out / "past").iterdir()) == ["notes.txt", "team.pyfg"]
+    capsys.readouterr()
+
+
+def test_a_log_with_an_ending_in_capitals_runs_again_from_its_folder(tmp_path, capsys):
+    graph, out = team(tmp_path).rename(tmp_path / "team.G2O"), tmp_path / "out"
+    assert main(["run", str(graph), "--quick", "--out", str(out)]) == 0
+    again = str(tmp_path / "again")
+    assert main(["run", str(out / "scenario.toml"), "--quick", "--out", again]) == 0
+    assert "12 poses, 12 factors" in capsys.readouterr().out
+
+
 def test_everything_can_be_overridden(tmp_path, capsys):
     team(tmp_path)
     text = """
