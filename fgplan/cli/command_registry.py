@@ -25,6 +25,14 @@ DEMOS: dict[str, RegisteredCommand] = {
         "fgplan.demos.victoria_park:victoria_park",
         "four robots plan over the real Victoria Park log that is inside the GTSAM wheel",
     ),
+    "multi-robot-slam": RegisteredCommand(
+        "fgplan.demos.multi_robot_slam:multi_robot_slam",
+        "four robots map an unknown world and plan as they go, with a film; resumes in its folder",
+    ),
+    "mrclam": RegisteredCommand(
+        "fgplan.demos.mrclam:mrclam",
+        "five real robots (UTIAS MR.CLAM, your folder): joint SLAM, errors against Vicon, a plan",
+    ),
 }
 
 BENCHES: dict[str, RegisteredCommand] = {
@@ -37,12 +45,20 @@ BENCHES: dict[str, RegisteredCommand] = {
     "history": RegisteredCommand(
         "fgplan.bench.history:run", "milliseconds a candidate when the past grows"
     ),
+    "consistency": RegisteredCommand(
+        "fgplan.bench.consistency:run",
+        "closed loops over many seeds: estimates against truth, plans against SLAM",
+    ),
 }
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {
     "regev-fig6": RegisteredCommand(
         "fgplan.reproduce.regev_fig6.command:run",
         "running times and figures 5, 6 and 7 of Regev and Indelman 2017",
+    ),
+    "regev-scenarios": RegisteredCommand(
+        "fgplan.reproduce.regev_scenarios.command:run",
+        "scenarios 1, 2 and 3 of Regev and Indelman 2017, and figures 8 to 19",
     ),
 }
 

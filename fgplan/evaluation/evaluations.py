@@ -32,10 +32,9 @@ class ReevaluationReport:
         untouched: Indices of candidates that only share a constant of the others' terms.
         messages_reused: Candidate messages taken over from before.
         messages_rebuilt: Candidate messages built anew.
-        segments_reused: Distinct segments of the candidate paths whose messages were carried over
-            from an earlier planning session; told by the first evaluation with these candidates.
-        segments_rebuilt: Distinct segments whose messages were built for this session; 0 where
-            nothing was carried.
+        segments_reused: Distinct segments whose messages were carried over from an earlier planning
+            session, of the candidates that were built for the first time in this one.
+        segments_rebuilt: Their other segments; 0 where nothing was carried.
         solves: Final solves or eliminations done.
         skipped: Indices excluded by a lower bound without being evaluated.
         fallbacks: Solves that the fast form refused and the reference form or a QR did.

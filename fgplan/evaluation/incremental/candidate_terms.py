@@ -8,7 +8,9 @@ import numpy as np
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.evaluation.incremental.messages import build, solve
+from fgplan.evaluation.incremental.segments import Segments, hold_segments
 from fgplan.evaluation.incremental.turn import Turn, reads_only_the_end
+from fgplan.evaluation.incremental.universe import widths
 from fgplan.evaluation.incremental.whitened_rows import posterior_by_qr
 from fgplan.evaluation.objective import UncertaintyTerm
 from fgplan.evaluation.term_values import (
@@ -33,6 +35,7 @@ class Work:
     def __init__(self) -> None:
         """Start from nothing."""
         self.reused = self.rebuilt = self.solves = self.fallbacks = 0
+        self.segments_reused = self.segments_rebuilt = 0
 
 
 def others_path_terms(memory: Memory) -> FloatArray:
@@ -130,14 +133,14 @@ def _at_the_end(turn: Turn, cut: CutReadings, subset: IntArray, work: Work) -> F
             table,
             memory.fixed,
             memory.moving,
-            memory.segments,
+            _segments(turn, fresh, work),
             turn.universe(None),
             fresh,
             table.lengths[fresh],
             reads[fresh],
         )
         pools = (*pools, pool)
-        turn.memory = replace(memory, pools=pools)
+        turn.memory = replace(turn.memory, pools=pools)
     work.rebuilt += len(fresh)
     work.reused += len(subset) - len(fresh)
     size = int(cut.dims.sum())
@@ -150,6 +153,28 @@ def _at_the_end(turn: Turn, cut: CutReadings, subset: IntArray, work: Work) -> F
         if inside.any():
             covariance[inside] = _solved(turn, None, pool, places[inside], columns, reads, work)
     return _reorder(covariance, cut, memory.robot)
+
+
+def _segments(turn: Turn, subset: IntArray, work: Work) -> Segments | None:
+    """Segments of candidates whose messages are built for the first time in a session."""
+    memory = turn.memory
+    first = subset[~memory.told[subset]]
+    if memory.carried is None or not len(first):
+        return None
+    told = memory.told.copy()
+    told[first] = True
+    turn.memory = replace(memory, told=told)
+    found = hold_segments(
+        memory.table,
+        memory.fixed,
+        memory.numbering,
+        widths(memory.problem.dim, memory.numbering, memory.prior),
+        memory.carried,
+        first,
+    )
+    work.segments_reused += found.reused
+    work.segments_rebuilt += len(found.names) - found.reused
+    return found
 
 
 def _at_a_cut(
@@ -173,7 +198,7 @@ def _at_a_cut(
         table,
         memory.fixed,
         memory.moving,
-        memory.segments,
+        _segments(turn, subset, work),
         universe,
         subset,
         lengths,

@@ -274,7 +274,7 @@ class Incremental:
             if held + pool.bytes <= self.memory_bytes:
                 pools.append(pool)
                 held += pool.bytes
-        return replace(turn.memory, pools=tuple(pools), terms=terms, segments_told=True)
+        return replace(turn.memory, pools=tuple(pools), terms=terms)
 
 
 def _carried_over(turn: Turn) -> tuple[FloatArray, BoolArray]:
@@ -305,7 +305,6 @@ def _report(
     turn: Turn, after: Memory, work: Work, known: BoolArray, skipped: tuple[int, ...]
 ) -> ReevaluationReport:
     """Account of an evaluation."""
-    counted = None if turn.memory.segments_told else turn.memory.segments
     vertices = np.unique(after.table.vertices[turn.change.involved])
     vertices = vertices[vertices >= 0]  # -1 stands for no vertex
     return ReevaluationReport(
@@ -319,8 +318,8 @@ def _report(
         messages_rebuilt=work.rebuilt,
         solves=work.solves,
         skipped=skipped,
-        segments_reused=0 if counted is None else counted.reused,
-        segments_rebuilt=0 if counted is None else len(counted.names) - counted.reused,
+        segments_reused=work.segments_reused,
+        segments_rebuilt=work.segments_rebuilt,
         fallbacks=work.fallbacks + int(any(u.by_qr for u in turn.universes.values())),
         bytes_held=after.bytes,
     )

@@ -12,11 +12,11 @@ from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import PriorMarginal
-from fgplan.evaluation.incremental.segments import Segments
+from fgplan.evaluation.incremental.segments import Carried
 from fgplan.evaluation.incremental.universe import InformationBlocks
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.typing import Covariance, FloatArray
+from fgplan.typing import BoolArray, Covariance, FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +39,8 @@ class Memory:
         moving: Factors of the own states with announced poses, at the last evaluation.
         pools: Messages that may be used again.
         terms: Shape (N, T), unweighted terms at the last evaluation; NaN where not evaluated.
-        segments: Segments of the candidates, from the second planning session on.
-        segments_told: Whether a report has counted them.
+        carried: Segments that an earlier planning session left.
+        told: Shape (N,), candidates whose messages have been built, and whose segments counted.
     """
 
     problem: PlanningProblem
@@ -58,8 +58,8 @@ class Memory:
     moving: FactorBlocks
     pools: tuple[MessagePool, ...] = ()
     terms: FloatArray | None = None
-    segments: Segments | None = None
-    segments_told: bool = True
+    carried: Carried | None = None
+    told: BoolArray
 
     def pieces(self) -> list[InformationBlocks]:
         """Blocks of all factors of the others."""
@@ -71,7 +71,7 @@ class Memory:
         """Memory held for re-use."""
         return (
             sum(pool.bytes for pool in self.pools)
-            + (0 if self.segments is None else self.segments.bytes)
+            + (0 if self.carried is None else self.carried.bytes)
             + sum(int(piece.blocks.nbytes) for piece in self.pieces())
             + self.moving.bytes
             + self.fixed.bytes

@@ -18,7 +18,6 @@ from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import eliminate_history, numbered_keys, restrict
 from fgplan.evaluation.incremental.segments import (
     Carried,
-    Segments,
     carry_segments,
     hold_segments,
 )
@@ -52,7 +51,7 @@ def prepare(
     wide = eliminate_history(problem, touched)
     numbering = Numbering(problem.robots, FIRST_CAPACITY, numbered_keys(problem, wide, touched))
     own = own_states(problem, table)
-    memory = Memory(
+    return Memory(
         problem=problem,
         robot=robot,
         table=table,
@@ -63,13 +62,21 @@ def prepare(
         prior_blocks=prior_covariances(problem),
         path_terms=_path_terms(problem, robot, candidates),
         moving=no_blocks(len(table.poses), problem.dim),
+        carried=None if carried is None or carried.bytes > memory_bytes else carried,
+        told=np.zeros(len(candidates), bool),
     )
-    return memory if carried is None else _with_segments(memory, carried, memory_bytes)
 
 
 def carry(memory: Memory, memory_bytes: int) -> Carried:
     """What the next session may use, see ``Incremental.carry``."""
-    segments = memory.segments or _segments(memory, None)
+    segments = hold_segments(
+        memory.table,
+        memory.fixed,
+        memory.numbering,
+        widths(memory.problem.dim, memory.numbering, memory.prior),
+        memory.carried,
+        np.arange(len(memory.table.paths)),
+    )
     return carry_segments(segments, memory.numbering, memory_bytes)
 
 
@@ -94,8 +101,6 @@ def exchange(
         fixed=fixed_blocks(problem, grown.numbering, own, table.observations),
         path_terms=_path_terms(problem, memory.robot, candidates),
     )
-    if memory.segments is not None:
-        after = _with_segments(after, carry(memory, memory_bytes), memory_bytes)
     number = np.full(size, -1, np.int64)
     number[places] = np.arange(len(places))
     pools = []
@@ -106,26 +111,16 @@ def exchange(
     if memory.terms is not None:
         terms = np.full((len(candidates), len(problem.objective.terms)), np.nan)
         terms[: len(places)] = memory.terms[places]
+    told = np.zeros(len(candidates), bool)
+    told[: len(places)] = memory.told[places]
     return replace(
         after,
+        carried=None if memory.carried is None else carry(memory, memory_bytes),
+        told=told,
         moving=factors_with_announced(after, memory.announced),
         pools=tuple(pools),
         terms=terms,
     )
-
-
-def _segments(memory: Memory, carried: Carried | None) -> Segments:
-    """Segments of the candidates."""
-    width = widths(memory.problem.dim, memory.numbering, memory.prior)
-    return hold_segments(memory.table, memory.fixed, memory.numbering, width, carried)
-
-
-def _with_segments(memory: Memory, carried: Carried, memory_bytes: int) -> Memory:
-    """Memory with the segments of its candidates, unless they are too large to be kept."""
-    segments = _segments(memory, carried)
-    if segments.bytes > memory_bytes:
-        return replace(memory, segments=None)
-    return replace(memory, segments=segments, segments_told=False)
 
 
 def _tabulated(

@@ -15,7 +15,7 @@ path alone, so the tail of a path is cut as it was.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import pairwise
 
@@ -59,10 +59,10 @@ class Carried:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Segments:
-    """Segments of a robot's candidates.
+    """Segments of some of a robot's candidates.
 
     Attributes:
-        consists_of: Segments of each candidate.
+        consists_of: Segments of each candidate; none of a candidate that was not asked for.
         names: Content of each distinct segment.
         pool: Its message.
         reused: How many of them were carried over.
@@ -73,11 +73,6 @@ class Segments:
     pool: SegmentPool
     reused: int
 
-    @property
-    def bytes(self) -> int:
-        """Memory held."""
-        return self.pool.bytes + sum(map(len, self.names))
-
 
 def hold_segments(
     table: CandidateTable,
@@ -85,6 +80,7 @@ def hold_segments(
     numbering: Numbering,
     width: IntArray,
     carried: Carried | None,
+    candidates: IntArray,
 ) -> Segments:
     """Cut candidates into segments, take over the messages that are known, build the others.
 
@@ -94,9 +90,10 @@ def hold_segments(
         numbering: Numbers of variables.
         width: Shape (V,), tangent dimension of each variable.
         carried: What an earlier session left, or None.
+        candidates: Shape (n,), indices of the candidates to cut, increasing.
 
     Returns:
-        The segments of all candidates.
+        Their segments; of the other candidates none.
     """
     from fgplan.evaluation.incremental.segment_kernels import (
         build_segments,
@@ -104,21 +101,22 @@ def hold_segments(
         crossed_boundaries,
     )
 
-    crossed = crossed_boundaries(table.lengths, table.states, fixed, len(width))
-    tokens, digests = _steps(table, fixed, numbering)
+    lengths = table.lengths[candidates]
+    crossed = crossed_boundaries(lengths, table.states[candidates], fixed, len(width))
+    tokens, digests = _steps(table, fixed, numbering, candidates)
     known: dict[tuple[int, ...], int] = {}
     where: list[tuple[int, int, int]] = []  # candidate, begin and end of each distinct segment
-    pointer, ends, numbers = [0], [], []
-    for c, length in enumerate(table.lengths.tolist()):
-        row = tokens[c].tolist()
-        cuts = [*np.flatnonzero(~crossed[c, :length]).tolist(), length]
+    counts, ends, numbers = np.zeros(len(table.lengths), np.int64), [], []
+    for place, (c, length) in enumerate(zip(candidates.tolist(), lengths.tolist(), strict=True)):
+        row = tokens[place].tolist()
+        cuts = [*np.flatnonzero(~crossed[place, :length]).tolist(), length]
         for begin, end in pairwise(cuts):
             number = known.setdefault(tuple(row[begin:end]), len(known))
             if number == len(where):
                 where.append((c, begin, end))
             ends.append(end)
             numbers.append(number)
-        pointer.append(len(ends))
+        counts[c] = len(cuts) - 1
     names = tuple(b"".join([digests[k] for k in content]) for content in known)
     places = {} if carried is None else carried.places
     old = np.array([places.get(name, -1) for name in names], np.int64)
@@ -134,7 +132,9 @@ def hold_segments(
         pool = take_segments(pool, np.argsort(np.concatenate([fresh, reused])))
     return Segments(
         consists_of=CandidateSegments(
-            np.array(pointer), np.array(ends, np.int64), np.array(numbers, np.int64)
+            np.append(0, np.cumsum(counts)),
+            np.array(ends, np.int64),
+            np.array(numbers, np.int64),
         ),
         names=names,
         pool=pool,
@@ -166,12 +166,6 @@ def carry_segments(segments: Segments, numbering: Numbering, memory_bytes: int) 
     )
 
 
-def shifted(segments: Segments, shift: int) -> Segments:
-    """The same segments where all prior variables have numbers larger by a shift."""
-    pool = segments.pool
-    return replace(segments, pool=pool._replace(slot_variable=pool.slot_variable + shift))
-
-
 def _renumbered(carried: Carried, numbering: Numbering) -> SegmentPool:
     """Carried messages with this session's numbers; -1 for variables that it does not know."""
     base = len(numbering.robots) * numbering.capacity
@@ -181,34 +175,36 @@ def _renumbered(carried: Carried, numbering: Numbering) -> SegmentPool:
 
 
 def _steps(
-    table: CandidateTable, fixed: FactorBlocks, numbering: Numbering
+    table: CandidateTable, fixed: FactorBlocks, numbering: Numbering, candidates: IntArray
 ) -> tuple[IntArray, list[bytes]]:
-    """Number of the content of each step, shape (N, Lmax), and the digest of each number."""
+    """Number of the content of each step, shape (n, Lmax), and the digest of each number."""
     from fgplan.evaluation.incremental.distinct_kernels import distinct_rows
 
-    inside = np.arange(table.states.shape[1]) < table.lengths[:, None]
+    states, paths = table.states[candidates], [table.paths[c] for c in candidates.tolist()]
+    inside = np.arange(states.shape[1]) < table.lengths[candidates, None]
     base = len(numbering.robots) * numbering.capacity
     prior_keys = np.array(numbering.prior_keys, np.uint64)
     marks = np.zeros(len(table.poses))
     contents: dict[bytes, int] = {b"": 0}
-    for state in np.flatnonzero(np.diff(fixed.pointer)).tolist():
+    walked = np.unique(states[inside])
+    for state in walked[np.diff(fixed.pointer)[walked] > 0].tolist():
         here = slice(fixed.pointer[state], fixed.pointer[state + 1])
         blocks = (fixed.rank[here], fixed.own[here], fixed.cross[here], fixed.other[here])
         content = prior_keys[fixed.variable[here] - base].tobytes()
         content += b"".join([block.tobytes() for block in blocks])
         marks[state] = contents.setdefault(content, len(contents))
-    mark = marks[table.states[inside]]
+    mark = marks[states[inside]]
     size = len(mark)
     rows = np.column_stack(
         [
             mark,
-            np.concatenate([path.poses[:-1] for path in table.paths]).reshape(size, -1),
-            np.concatenate([path.poses[1:] for path in table.paths]).reshape(size, -1),
-            np.concatenate([path.motion_covariances for path in table.paths]).reshape(size, -1),
+            np.concatenate([path.poses[:-1] for path in paths]).reshape(size, -1),
+            np.concatenate([path.poses[1:] for path in paths]).reshape(size, -1),
+            np.concatenate([path.motion_covariances for path in paths]).reshape(size, -1),
         ]
     )
     flat, first = distinct_rows(rows.view(np.int64))
-    tokens = np.zeros(table.states.shape, np.int64)
+    tokens = np.zeros(states.shape, np.int64)
     tokens[inside] = flat
     seen = [blake2b(content, digest_size=TOKEN_BYTES).digest() for content in contents]
     digests = [

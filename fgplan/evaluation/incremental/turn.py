@@ -28,7 +28,6 @@ from fgplan.evaluation.incremental.impact import (
 from fgplan.evaluation.incremental.memory import Memory
 from fgplan.evaluation.incremental.numbering import Numbering
 from fgplan.evaluation.incremental.prior_marginal import eliminate_history, restrict
-from fgplan.evaluation.incremental.segments import shifted
 from fgplan.evaluation.incremental.universe import (
     InformationBlocks,
     Universe,
@@ -180,11 +179,9 @@ def _grow(memory: Memory, new: Mapping[str, CandidatePath], changed: tuple[str, 
         capacity *= 2
     fresh = replace(grown.numbering, capacity=capacity)
     table = memory.table
-    shift = len(fresh.robots) * (capacity - numbering.capacity)
     grown = replace(
         grown,
         numbering=fresh,
-        segments=None if memory.segments is None else shifted(memory.segments, shift),
         fixed=fixed_blocks(problem, fresh, own_states(problem, table), table.observations),
         own_pieces={r: (p, path_blocks(problem, fresh, p)) for r, p in memory.announced.items()},
         meetings=_meetings(problem, fresh, memory.announced),
