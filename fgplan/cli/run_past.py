@@ -140,7 +140,7 @@ def _other_copies(files: Sequence[Path], folder: Path) -> list[Path]:
         text = ""
     if not text.startswith(f"# {_DERIVED}"):
         raise InvalidInputError(
-            f"{folder / COPIED}: expected no folder of this name, or one that fgplan run wrote, got "
+            f"{folder / COPIED}: expected no such folder, or one that fgplan run wrote, got "
             f"{found[0].name} in it; the log is copied there: choose another --out"
         )
     return [file for file in found if is_log_file(file)]

@@ -22,6 +22,7 @@ from pathlib import Path
 import gtsam
 import numpy as np
 
+from fgplan.checks import check_not_negative
 from fgplan.errors import InvalidInputError, ScenarioError
 from fgplan.factors.keys import describe_key
 from fgplan.io.graph_text import (
@@ -30,11 +31,11 @@ from fgplan.io.graph_text import (
     finite_numbers,
     landmark_factor,
     landmark_point,
+    number_text,
     spatial_numbers,
     spatial_pose,
     symmetric_matrix,
     text_lines,
-    text_number,
     upper_triangle,
     write_text_lines,
 )
@@ -64,7 +65,8 @@ class G2oGraph:
         counts: Lines read, by tag, repeated edges included.
         repeated: Edges left out because another file holds the same one.
         same_ends: Edges kept although another file holds one between the same vertices with other
-            numbers: two measurements, or one written with different rounding (repeat_tolerance).
+            numbers or the other way round: two measurements, or one written with different rounding
+            (repeat_tolerance) or from its other end.
         files: Files that were read, in order.
         left_out: Files of the folder that were not read: the whole graph beside files by robot.
         vertex_files: Places in ``files`` of the files that define each vertex.
@@ -103,7 +105,13 @@ def read_g2o(
     Raises:
         ScenarioError: At the first line that is not understood in full, naming file, line, tag and
             remedy.
+        InvalidInputError: If ``landmark_character`` is no letter or ``repeat_tolerance`` below 0.
     """
+    check_not_negative(repeat_tolerance, "g2o repeat_tolerance")
+    if landmark_character is not None and not re.fullmatch("[A-Za-z]", landmark_character):
+        raise InvalidInputError(
+            f"g2o landmark_character: expected one letter, got {landmark_character!r}"
+        )
     files = [Path(paths)] if isinstance(paths, Path | str) else [Path(path) for path in paths]
     left_out: tuple[Path, ...] = ()
     if len(files) == 1 and files[0].is_dir():
@@ -142,7 +150,8 @@ def read_g2o(
             if any(np.allclose(o.numbers, line.numbers, limit, limit) for o in others):
                 repeated += 1
                 continue
-            same_ends += bool(others)
+            turned = seen.get((line.tag, line.ids[::-1]), ())
+            same_ends += bool(others) or any(other != file for other, _ in turned)
             same.append((file, line))
             graph.add(_factor(line, offsets))
     return G2oGraph(
@@ -196,7 +205,8 @@ def write_g2o(
         fixed: Keys to name in a FIX line (g2o has no line for a prior factor).
 
     Raises:
-        InvalidInputError: If a factor or value has no line in g2o, or a fixed key no value.
+        InvalidInputError: If a factor or value has no line in g2o or is not finite, or a fixed key
+            has no value.
         ScenarioError: If the file cannot be written.
     """
     lines = [_vertex_line(key, values) for key in values.keys()]  # noqa: SIM118
@@ -257,6 +267,11 @@ def _parse_line(where: str, words: list[str], landmark_character: str | None) ->
     values = finite_numbers(where, tag, words[1 + ids :])
     if landmark_character is not None and tag in (*_LANDMARKS, "EDGE_SE2_XY", "EDGE_SE3_TRACKXYZ"):
         place = 0 if tag in _LANDMARKS else 1
+        if keys[place] >= 2**56:
+            raise ScenarioError(
+                f"{where}: {tag}: expected a landmark's id below 2**56, which leaves room for the "
+                f"letter {landmark_character!r}, got {keys[place]}"
+            )
         symbol = gtsam.symbol(landmark_character, keys[place])
         keys = (*keys[:place], symbol, *keys[place + 1 :])
     return GraphLine(where, tag, keys, values)
@@ -343,7 +358,7 @@ def _vertex_line(key: Key, values: gtsam.Values) -> str:
             continue
         if tag == "VERTEX_SE2":
             numbers.append(values.atPose2(key).theta())
-        return f"{tag} {int(key)} {' '.join(map(text_number, numbers))}"
+        return f"{tag} {int(key)} {number_text(numbers, f'value of {describe_key(key)}')}"
     raise InvalidInputError(
         f"value of {describe_key(key)}: g2o knows Pose2, Pose3, Point2 and Point3 only"
     )
@@ -370,5 +385,5 @@ def _edge_line(index: int, factor: gtsam.NonlinearFactor | None) -> str:
         tag, parameter = ("EDGE_SE2_XY", "") if planar else ("EDGE_SE3_TRACKXYZ", "0 ")
         numbers = point.tolist()
     first, second = factor.keys()
-    words = map(text_number, [*numbers, *upper_triangle(information)])
-    return f"{tag} {first} {second} {parameter}{' '.join(words)}"
+    words = number_text([*numbers, *upper_triangle(information)], f"factor {index}")
+    return f"{tag} {first} {second} {parameter}{words}"

@@ -12,14 +12,14 @@ and a factor that can be pickled.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
 
-from fgplan.errors import ScenarioError
+from fgplan.errors import InvalidInputError, ScenarioError
 from fgplan.typing import Covariance, FloatArray, Key
 
 TRANSLATION_FIRST = [3, 4, 5, 0, 1, 2]
@@ -88,9 +88,20 @@ def finite_numbers(where: str, tag: str, words: Sequence[str]) -> tuple[float, .
     return numbers
 
 
-def text_number(value: float) -> str:
-    """A number so that it is read back to the last bit."""
-    return repr(float(value))
+def number_text(values: Iterable[float], what: str) -> str:
+    """Numbers so that they are read back to the last bit.
+
+    Args:
+        values: The numbers.
+        what: What they are of, for the message.
+
+    Raises:
+        InvalidInputError: If one is not finite: no reader would take the file.
+    """
+    numbers = [float(value) for value in values]
+    if not all(map(math.isfinite, numbers)):
+        raise InvalidInputError(f"{what}: expected finite numbers, got {numbers}")
+    return " ".join(map(repr, numbers))
 
 
 def unit_quaternion(where: str, tag: str, quaternion: Sequence[float]) -> gtsam.Rot3:

@@ -38,11 +38,11 @@ from fgplan.io.graph_text import (
     finite_numbers,
     landmark_factor,
     landmark_point,
+    number_text,
     spatial_numbers,
     spatial_pose,
     symmetric_matrix,
     text_lines,
-    text_number,
     upper_triangle,
     write_text_lines,
 )
@@ -79,7 +79,7 @@ _TAGS: dict[Any, str] = {
     gtsam.BearingRangeFactor3D: "EDGE_SE3_XYZ",
     **dict.fromkeys(_RANGES.values(), "EDGE_RANGE"),
 }
-_NAME = re.compile(r"([A-Za-z])([A-Za-z]?)(\d+)")
+_NAME = re.compile(r"([A-Za-z])([A-Za-z]?)([0-9]{1,15})")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,8 +161,8 @@ def write_pyfg(
             where it joins none).
 
     Raises:
-        InvalidInputError: If a factor, value or key has no form in this format, a pose has no time,
-            or the number of stamps is not that of the factors.
+        InvalidInputError: If a factor, value or key has no form in this format or a number is not
+            finite, a pose has no time, or the number of stamps is not that of the factors.
         ScenarioError: If the file cannot be written.
     """
     if stamps_s is not None and len(stamps_s) != graph.size():
@@ -177,8 +177,9 @@ def write_pyfg(
         if tags[key] in _POSES:
             if key not in times_s:
                 raise InvalidInputError(f"pyfg: expected a time of pose {describe_key(key)}")
-            stamp = f"{text_number(times_s[key])} "
-        lines.append(f"{tags[key]} {stamp}{_name(key)} {_text(numbers)}")
+            stamp = f"{number_text([times_s[key]], f'time of pose {describe_key(key)}')} "
+        text = number_text(numbers, f"value of {describe_key(key)}")
+        lines.append(f"{tags[key]} {stamp}{_name(key)} {text}")
     for index in range(graph.size()):
         factor = graph.at(index)
         tag, numbers = _edge(index, factor, tags)
@@ -189,7 +190,8 @@ def write_pyfg(
         else:
             stamp_s = stamps_s[index]
         names = " ".join(map(_name, factor.keys()))
-        lines.append(f"{tag} {text_number(stamp_s)} {names} {_text(numbers)}")
+        stamp, text = (number_text(one, f"factor {index}") for one in ([stamp_s], numbers))
+        lines.append(f"{tag} {stamp} {names} {text}")
     write_text_lines(path, lines)
 
 
@@ -258,11 +260,6 @@ def _name(key: Key) -> str:
             f"pyfg: expected keys of a letter and a number, as gtsam.symbol('A', 3), got {name}"
         )
     return name
-
-
-def _text(numbers: Sequence[float]) -> str:
-    """Numbers of a line."""
-    return " ".join(map(text_number, numbers))
 
 
 def _value(line: GraphLine) -> gtsam.Pose2 | gtsam.Pose3 | FloatArray:

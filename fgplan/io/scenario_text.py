@@ -59,8 +59,8 @@ def _value(value: object) -> str:
     """One plain value."""
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
+    if isinstance(value, int | float):  # numpy's float64 is a float with another repr
+        return repr(value if isinstance(value, int) else float(value))
     if isinstance(value, str):  # JSON's escapes are TOML's, but for DEL
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):

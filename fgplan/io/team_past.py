@@ -94,7 +94,7 @@ def read_g2o_past(
     if read.same_ends:
         notes.append(
             f"{read.same_ends} edges join vertices that another file's edge joins with other "
-            "numbers; both are kept as two measurements"
+            "numbers or the other way round; both are kept as two measurements"
         )
     return TeamPast(
         format="g2o",
@@ -118,7 +118,7 @@ def read_pyfg_past(path: Path, current: Mapping[str, Key] | None = None) -> Team
         The past, with times.
 
     Raises:
-        ScenarioError: If a line is wrong, or a folder has several files.
+        ScenarioError: If a line is wrong, there is no pose, or a folder has several files.
     """
     files = sorted(path.glob("*.pyfg")) if path.is_dir() else [path]
     if len(files) != 1:
@@ -129,6 +129,8 @@ def read_pyfg_past(path: Path, current: Mapping[str, Key] | None = None) -> Team
     found: dict[str, list[Key]] = {}
     for key in sorted(read.times_s, key=lambda key: (read.times_s[key], key)):
         found.setdefault(_letters(key), []).append(key)
+    if not found:
+        raise ScenarioError(f"{files[0]}: expected poses of at least one robot, got none")
     robots = {name: tuple(found[name]) for name in sorted(found)}
     return TeamPast(
         format="pyfg",

@@ -15,10 +15,10 @@ from fgplan.checks import check_finite
 from fgplan.errors import InvalidInputError, ScenarioError
 from fgplan.io.graph_text import (
     finite_numbers,
+    number_text,
     spatial_numbers,
     spatial_pose,
     text_lines,
-    text_number,
     write_text_lines,
 )
 from fgplan.models.pose import check_pose
@@ -85,14 +85,19 @@ def write_tum(path: Path | str, times_s: ArrayLike, poses: ArrayLike) -> None:
         ScenarioError: If the file cannot be written.
     """
     times = check_finite(times_s, "trajectory times_s", (None,))
-    if len(times) != len(np.asarray(poses)):
+    try:
+        given = np.asarray(poses, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"trajectory: expected poses as numbers, got {poses!r}") from error
+    if given.shape not in ((len(times), 3), (len(times), 4, 4)) or not len(times):
         raise InvalidInputError(
-            f"trajectory: expected a time a pose, got {len(times)} and {len(np.asarray(poses))}"
+            "trajectory: expected a time a pose and at least one, poses of shape (n, 3) or "
+            f"(n, 4, 4), got {len(times)} times and poses of shape {given.shape}"
         )
     lines = []
-    for index, (time_s, pose) in enumerate(zip(times, np.asarray(poses), strict=True)):
+    for index, (time_s, pose) in enumerate(zip(times, given, strict=True)):
         numbers = pose_numbers(check_pose(pose, f"trajectory pose {index}"))
-        lines.append(" ".join(map(text_number, [time_s, *numbers])))
+        lines.append(number_text([time_s, *numbers], f"trajectory pose {index}"))
     write_text_lines(path, lines)
 
 

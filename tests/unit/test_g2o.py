@@ -172,6 +172,14 @@ def test_repeats_within_one_file_are_two_measurements(tmp_path):
     assert (both.repeated, both.same_ends, both.graph.size()) == (2, 0, 3)
 
 
+def test_an_edge_that_another_file_has_from_its_other_end_is_counted(tmp_path):
+    turned = PLANAR.splitlines(keepends=True)
+    turned = "".join(line for line in turned if line.startswith("VERTEX_SE2"))
+    turned += "EDGE_SE2 1 0 -1 0 -0.1 100 1 2 200 3 400\n"
+    both = read_g2o([written(tmp_path, PLANAR), written(tmp_path, turned, "b.g2o")])
+    assert (both.repeated, both.same_ends, both.graph.size()) == (0, 1, 3)
+
+
 def test_landmark_character_separates_ids(tmp_path):
     with pytest.raises(ScenarioError, match="landmark_character='l'"):
         read_g2o(wheel("example_with_vertices.g2o"))
@@ -179,6 +187,15 @@ def test_landmark_character_separates_ids(tmp_path):
     assert ours.values.exists(symbol("l", 0))
     assert ours.values.exists(0)
     assert ours.values.size() == 16
+    with pytest.raises(
+        InvalidInputError, match="landmark_character: expected one letter, got 'll'"
+    ):
+        read_g2o(wheel("example_with_vertices.g2o"), landmark_character="ll")
+    far = written(tmp_path, f"VERTEX_XY {2**56} 1 1\n")
+    with pytest.raises(ScenarioError, match=r"a landmark's id below 2\*\*56"):
+        read_g2o(far, landmark_character="l")
+    with pytest.raises(InvalidInputError, match="repeat_tolerance"):
+        read_g2o(far, repeat_tolerance=np.nan)
 
 
 @pytest.mark.parametrize(
@@ -293,6 +310,10 @@ def test_what_g2o_cannot_hold_is_refused(tmp_path):
     graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(), gtsam.noiseModel.Unit.Create(3)))
     with pytest.raises(InvalidInputError, match=r"factor 2: .* PriorFactorPose2; pass its key as"):
         write_g2o(tmp_path / "c.g2o", graph, first.values)
+    lost = gtsam.Values(first.values)
+    lost.update(1, gtsam.Pose2(np.nan, 0.0, 0.0))
+    with pytest.raises(InvalidInputError, match="value of 1: expected finite numbers"):
+        write_g2o(tmp_path / "c.g2o", first.graph, lost)
     with pytest.raises(InvalidInputError, match="fixed key 9 is not in the values"):
         write_g2o(tmp_path / "c.g2o", first.graph, first.values, [9])
     robust = gtsam.NonlinearFactorGraph()

@@ -135,6 +135,8 @@ def test_stamps_left_out_are_those_of_the_last_pose(tmp_path):
         ("VERTEX_SE2 1.5 A0", "VERTEX_SE2 soon A0", r":1: VERTEX_SE2: expected numbers, got soon"),
         ("VERTEX_SE2 1.5 A0", "VERTEX_SE2 nan A0", r":1: VERTEX_SE2: expected finite numbers"),
         ("VERTEX_SE2 1.5 A0", "VERTEX_SE2 1.5 7", r":1: VERTEX_SE2: expected a name of a letter"),
+        ("VERTEX_XY L0", f"VERTEX_XY L{'1' * 5000}", r":4: VERTEX_XY: expected a name of a letter"),
+        ("VERTEX_XY L0", "VERTEX_XY L\u0661", r":4: VERTEX_XY: expected a name of a letter"),
         ("VERTEX_XY L0", f"VERTEX_XY L{2**48}", r":4: VERTEX_XY: expected a number below 2\*\*48"),
         ("VERTEX_SE2 2.5 A1", "VERTEX_SE2 2.5 A0", r":2: VERTEX_SE2 A0 stands at .*:1 already"),
         ("2.5 A0 A1", "2.5 A0 A7", r":8: EDGE_SE2 names A7, which the file does not define"),
@@ -188,6 +190,11 @@ def test_what_the_format_cannot_hold_is_refused(tmp_path):
     refused("factor 6: A9 is not in the values", gtsam.RangeFactor2D(symbol("A", 9), L0, 1.0, one))
     refused("expected a stamp a factor, 6, got 1", stamps=[0.0])
     refused("expected a time of pose B0", times={A0: 0.0, A1: 0.0})
+    refused("time of pose A0: expected finite", times={**read.times_s, A0: np.nan})
+    refused("factor 0: expected finite numbers", stamps=[np.inf, *read.stamps_s[1:]])
+    lost = gtsam.Values(read.values)
+    lost.update(A1, gtsam.Pose2(np.nan, 0.0, 0.0))
+    refused("value of A1: expected finite numbers", values=lost)
     plain, turned = gtsam.Values(read.values), gtsam.Values(read.values)
     plain.insert(3, gtsam.Point2(0, 0))
     refused("expected keys of a letter and a number.* got 3", values=plain)

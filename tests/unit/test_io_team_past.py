@@ -85,6 +85,9 @@ def test_formats_are_told_apart(tmp_path):
         read_team_past(tmp_path / "nothing.g2o")
     with pytest.raises(ScenarioError, match=r"a folder of one of g2o, pyfg.* got none of them"):
         read_team_past(tmp_path)
+    (tmp_path / "a.pyfg").write_text("VERTEX_XY L0 0 0\n")
+    with pytest.raises(ScenarioError, match="expected poses of at least one robot, got none"):
+        read_team_past(tmp_path / "a.pyfg")
     planar(tmp_path, "a.g2o", [0, 1])
     (tmp_path / "a.pyfg").write_text("VERTEX_SE2 3 A0 0 0 0\n")
     with pytest.raises(ScenarioError, match="got g2o and pyfg"):
@@ -265,7 +268,7 @@ def test_scenario_text_reads_back():
         "schema": 1,
         "name": 'a "quoted" name\n and \\ more',
         "on": True,
-        "numbers": [1.5, 1e-9, -3],
+        "numbers": [1.5, np.float64(1e-9), -3],
         "empty": [],
         "rows": [[1, 2], [3, 4]],
         "left out": None,

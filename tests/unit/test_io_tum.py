@@ -1,5 +1,6 @@
 """TUM trajectories: read back to the last bit, malformed lines named."""
 
+import gtsam
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -90,8 +91,21 @@ def test_what_is_no_trajectory_is_refused(tmp_path):
         read_tum(tmp_path / "none.tum")
     with pytest.raises(ScenarioError, match="cannot be written"):
         write_tum(tmp_path / "no" / "a.tum", [0.0], [[0.0, 0.0, 0.0]])
-    with pytest.raises(InvalidInputError, match="expected a time a pose, got 2 and 1"):
+    with pytest.raises(
+        InvalidInputError, match=r"expected a time a pose.* got 2 times and .*\(1, 3"
+    ):
         write_tum(tmp_path / "a.tum", [0.0, 1.0], [[0.0, 0.0, 0.0]])
+    for poses, words in (
+        ([], r"at least one, .* got 0 times and poses of shape \(0,\)"),
+        (7.0, r"poses of shape \(\)"),
+        ([[0.0, 0.0, 0.0], [0.0]], "expected poses as numbers"),
+        ([gtsam.Pose3()], "expected poses as numbers"),
+        (np.zeros((1, 2)), r"poses of shape \(1, 2\)"),
+        ([[0.0, np.nan, 0.0]], "finite"),
+    ):
+        with pytest.raises(InvalidInputError, match=words):
+            write_tum(tmp_path / "b.tum", np.zeros(0 if poses == [] else 1), poses)
+        assert not (tmp_path / "b.tum").exists()
     with pytest.raises(InvalidInputError, match="trajectory pose 0: expected a rigid motion"):
         write_tum(tmp_path / "a.tum", [0.0], [2.0 * np.eye(4)])
     with pytest.raises(InvalidInputError, match="trajectory poses"):
