@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fgplan.checks import check_finite
+from fgplan.errors import InvalidInputError
 from fgplan.models.pose import position
 from fgplan.models.sensor import AbstractSensor, SightLines
 from fgplan.paths.candidate_path import Observation
@@ -37,13 +38,18 @@ def planned_observations(
         Observations of each path, by step, then sensor, then landmark in the given order.
 
     Raises:
-        InvalidInputError: If a landmark is not finite.
+        InvalidInputError: If a landmark or pose is not finite, or a landmark has another size.
     """
     if not sensors or not landmarks or not poses:
         return [()] * len(poses)
     points = {
         key: check_finite(point, f"landmark {key}", (None,)) for key, point in landmarks.items()
     }
+    for key, point in points.items():
+        if point.size not in (2, 3):
+            raise InvalidInputError(
+                f"landmark {key}: expected 2 or 3 coordinates, got {point.size}"
+            )
     # Paths share most states: each distinct pose is looked at once.
     distinct = {state.tobytes(): state for path in poses for state in path[1:]}
     found = _seen_landmarks(list(distinct.values()), sensors, points, workspace)
@@ -67,7 +73,8 @@ def _seen_landmarks(
     """Landmarks seen from each pose: by range from a tree, then by the sensor, then by sight."""
     keys = list(landmarks)
     flat = np.array([landmarks[key][:2] for key in keys])
-    where = np.array([position(pose)[:2] for pose in poses])
+    where = np.array([position(pose)[:2] for pose in poses]).reshape(-1, 2)
+    check_finite(where, "positions of planned poses", (None, 2))
     tree = cKDTree(flat)
     pairs: list[tuple[int, int, str]] = []
     for name, sensor in sensors.items():

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from fgplan.checks import check_covariance
 from fgplan.errors import InvalidInputError
-from fgplan.models.pose import between, check_pose, tangent_dim
+from fgplan.models.pose import between, check_pose
 from fgplan.typing import ArrayLike, FloatArray, Pose
 
 
@@ -78,7 +78,7 @@ def normalised_error_squared(estimate: Pose, truth: Pose, covariance: ArrayLike)
         InvalidInputError: If a pose is none or the covariance does not fit.
     """
     error = pose_error(estimate, truth)
-    checked = check_covariance(covariance, "covariance of the estimate", tangent_dim(estimate))
+    checked = check_covariance(covariance, "covariance of the estimate", error.size)
     scale = np.sqrt(np.diag(checked))
     lower = np.linalg.cholesky(checked / np.outer(scale, scale))
     return float((np.linalg.solve(lower, error / scale) ** 2).sum())

@@ -57,6 +57,17 @@ def checked_odometry(reading: Odometry, step: int, before: Pose) -> Covariance:
     return check_covariance(reading.covariance, f"covariance of {who}", tangent_dim(before))
 
 
+def checked_step(step: object, last: int) -> int:
+    """Check that an update comes after the last one.
+
+    Raises:
+        InvalidInputError: If it is no whole number, or not later.
+    """
+    if isinstance(step, bool) or not isinstance(step, int | np.integer) or step <= last:
+        raise InvalidInputError(f"slam update: expected a step later than {last}, got {step!r}")
+    return int(step)
+
+
 def check_measurement(
     measurement: Measurement, sensor: AbstractSensor | RelativePoseSensor, pose: Pose
 ) -> None:
@@ -120,7 +131,7 @@ def landmark_key(key: object) -> Key:
     Raises:
         InvalidInputError: If it is no key, or of the form of fgplan's or SLAM's poses.
     """
-    if isinstance(key, bool) or not isinstance(key, int | np.integer) or key < 0:
+    if isinstance(key, bool) or not isinstance(key, int | np.integer) or not 0 <= key < 2**64:
         raise InvalidInputError(f"landmark: expected a GTSAM key, got {key!r}")
     check_no_future_keys([int(key)])
     if is_pose_key(int(key)):

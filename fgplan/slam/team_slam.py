@@ -42,6 +42,7 @@ from fgplan.slam.reading_check import (
     check_measurement,
     checked_landmark_prior,
     checked_odometry,
+    checked_step,
     landmark_key,
 )
 from fgplan.slam.robust_noise import FactorMaker, RobustFactor
@@ -109,6 +110,8 @@ class TeamSlam:
     ) -> None:
         """Take in what one step has brought. An update that is refused changes nothing.
 
+        Landmarks start afterwards: where a user's sensor fails in that, the step is taken.
+
         Args:
             step: Steps since the start, larger than at the last update; 0, or any number, first.
             odometry: Of the robots that moved, at most one each.
@@ -121,17 +124,14 @@ class TeamSlam:
             UnknownNameError: If a robot or sensor is not known.
             IllPosedBeliefError: If iSAM2 finds a variable not determined.
         """
-        if int(step) != step or step <= self._step:
-            raise InvalidInputError(
-                f"slam update: expected a step later than {self._step}, got {step}"
-            )
+        step = checked_step(step, self._step)
         change = TeamChange(dict(self._waiting))
         for reading in odometry:
             self._add_odometry(step, reading, change)
         for measurement in measurements:
             self._add_measurement(measurement, change)
         self._apply(change, f"updating SLAM at step {step}")
-        self._step = int(step)
+        self._step = step
         for name in change.poses:
             self._steps[name].append(self._step)
         self._start_landmarks({key for key, _ in change.seen}, f"starting landmarks at step {step}")

@@ -55,6 +55,7 @@ def test_normalised_error_squared_counts_sigmas():
     estimate = np.zeros(3)
     assert normalised_error_squared(estimate, truth, covariance) == pytest.approx(1.0, rel=1e-12)
     assert normalised_error_squared(estimate, [1.0, 0.0, 0.0], covariance) == pytest.approx(4.0)
+    assert normalised_error_squared(list(estimate), truth, covariance) == pytest.approx(1.0)
 
 
 def test_normalised_error_squared_keeps_digits_beside_a_tight_prior():

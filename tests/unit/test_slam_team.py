@@ -569,6 +569,7 @@ def see(**fields):
         (see(target="l0"), InvalidInputError, "landmark: expected a GTSAM key, got 'l0'"),
         (see(target=True), InvalidInputError, "expected a GTSAM key"),
         (see(target=-1), InvalidInputError, "expected a GTSAM key"),
+        (see(target=2**64), InvalidInputError, "expected a GTSAM key"),
         (see(target=pose_key(0, 3)), InvalidInputError, "xA3.*SLAM's poses"),
         (see(target=future_key(0, 1)), InvalidInputError, "begin with '~'"),
         (see(value=np.array([np.nan, 1.0])), InvalidInputError, "'both': expected finite"),
@@ -632,8 +633,10 @@ def test_noise_that_differs_by_direction_in_space_keeps_its_meaning():
 def test_steps_go_forward():
     slam = two()
     slam.update(3, [], [])
-    with pytest.raises(InvalidInputError, match="expected a step later than 3, got 3"):
-        slam.update(3, [], [])
+    for step in (3, np.int64(2), 4.5, np.nan, "4", None, True):
+        with pytest.raises(InvalidInputError, match="expected a step later than 3, got"):
+            slam.update(step, [], [])
+    slam.update(np.int64(4), [], [])
 
 
 def test_unknown_robots_are_named():
