@@ -95,16 +95,16 @@ def test_what_is_no_trajectory_is_refused(tmp_path):
         InvalidInputError, match=r"expected a time a pose.* got 2 times and .*\(1, 3"
     ):
         write_tum(tmp_path / "a.tum", [0.0, 1.0], [[0.0, 0.0, 0.0]])
-    for poses, words in (
-        ([], r"at least one, .* got 0 times and poses of shape \(0,\)"),
-        (7.0, r"poses of shape \(\)"),
-        ([[0.0, 0.0, 0.0], [0.0]], "expected poses as numbers"),
-        ([gtsam.Pose3()], "expected poses as numbers"),
-        (np.zeros((1, 2)), r"poses of shape \(1, 2\)"),
-        ([[0.0, np.nan, 0.0]], "finite"),
+    for times, poses, words in (
+        ([], [], r"at least one, .* got 0 times and poses of shape \(0,\)"),
+        ([0.0], 7.0, r"poses of shape \(\)"),
+        ([0.0], [[0.0, 0.0, 0.0], [0.0]], "expected poses as numbers"),
+        ([0.0], [gtsam.Pose3()], "expected poses as numbers"),
+        ([0.0], np.zeros((1, 2)), r"poses of shape \(1, 2\)"),
+        ([0.0], [[0.0, np.nan, 0.0]], "finite"),
     ):
         with pytest.raises(InvalidInputError, match=words):
-            write_tum(tmp_path / "b.tum", np.zeros(0 if poses == [] else 1), poses)
+            write_tum(tmp_path / "b.tum", times, poses)
         assert not (tmp_path / "b.tum").exists()
     with pytest.raises(InvalidInputError, match="trajectory pose 0: expected a rigid motion"):
         write_tum(tmp_path / "a.tum", [0.0], [2.0 * np.eye(4)])
