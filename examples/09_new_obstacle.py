@@ -9,20 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from fgplan.closed_loop.loop import run_loop
-from fgplan.closed_loop.records import SessionRecord, StepRecord
-from fgplan.io.loop_mission import load_loop_mission
+import fgplan
 
 SCENARIO = Path(__file__).parent / "scenarios" / "closed_loop.toml"
 
-mission = load_loop_mission(SCENARIO)
+mission = fgplan.load_loop_mission(SCENARIO)
 before, truth = None, {name: [] for name in mission.goals}
-for record in run_loop(mission, compare=True):
-    if isinstance(record, StepRecord):
+for record in fgplan.run_loop(mission, compare=True):
+    if isinstance(record, fgplan.StepRecord):
         for name, pose in record.truth.items():
             truth[name].append(pose[:2])
         continue
-    if not isinstance(record, SessionRecord):
+    if not isinstance(record, fgplan.SessionRecord):
         break
     if not record.obstacles:
         before = record

@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from fgplan.beliefs.belief import Belief as Belief
     from fgplan.beliefs.candidate_belief import CandidateBelief as CandidateBelief
     from fgplan.beliefs.candidate_belief import candidate_belief as candidate_belief
+    from fgplan.closed_loop.loop import run_loop as run_loop
+    from fgplan.closed_loop.mission import LoopMission as LoopMission
+    from fgplan.closed_loop.mission import LoopRobot as LoopRobot
+    from fgplan.closed_loop.records import SessionRecord as SessionRecord
+    from fgplan.closed_loop.records import SlamRecord as SlamRecord
+    from fgplan.closed_loop.records import StepRecord as StepRecord
     from fgplan.errors import FgplanError as FgplanError
     from fgplan.errors import IllPosedBeliefError as IllPosedBeliefError
     from fgplan.errors import InvalidInputError as InvalidInputError
@@ -50,12 +56,22 @@ if TYPE_CHECKING:
     from fgplan.evaluation.problem import PlanningProblem as PlanningProblem
     from fgplan.evaluation.registry import find_evaluator as find_evaluator
     from fgplan.factors.keys import describe_key as describe_key
+    from fgplan.factors.keys import symbol_key as symbol_key
     from fgplan.io.g2o import G2oGraph as G2oGraph
     from fgplan.io.g2o import read_g2o as read_g2o
     from fgplan.io.g2o import write_g2o as write_g2o
+    from fgplan.io.loop_folder import run_in_folder as run_in_folder
+    from fgplan.io.loop_mission import load_loop_mission as load_loop_mission
     from fgplan.io.mission_file import load_mission as load_mission
+    from fgplan.io.mrclam import read_mrclam as read_mrclam
+    from fgplan.io.pyfg import read_pyfg as read_pyfg
+    from fgplan.io.pyfg import write_pyfg as write_pyfg
     from fgplan.io.result_file import read_result as read_result
     from fgplan.io.result_file import write_result as write_result
+    from fgplan.io.tum import read_tum as read_tum
+    from fgplan.io.tum import write_tum as write_tum
+    from fgplan.models.measurement import Measurement as Measurement
+    from fgplan.models.measurement import Odometry as Odometry
     from fgplan.models.motion import MotionModel as MotionModel
     from fgplan.models.pose import compose as compose
     from fgplan.models.pose import position as position
@@ -95,6 +111,10 @@ if TYPE_CHECKING:
     from fgplan.simulation.sweep import SweepTask as SweepTask
     from fgplan.simulation.sweep import run_sweep as run_sweep
     from fgplan.simulation.world import World as World
+    from fgplan.simulation.world import WorldRobot as WorldRobot
+    from fgplan.slam.team_slam import SlamOptions as SlamOptions
+    from fgplan.slam.team_slam import SlamStart as SlamStart
+    from fgplan.slam.team_slam import TeamSlam as TeamSlam
     from fgplan.team.agreement import Agreement as Agreement
     from fgplan.team.coordination import coordinate as coordinate
     from fgplan.team.in_process import InProcessTransport as InProcessTransport
@@ -129,6 +149,9 @@ MODULE_OF = {
     "InvalidInputError": "fgplan.errors",
     "Isam2": "fgplan.evaluation.isam2",
     "Ledger": "fgplan.announcement.ledger",
+    "LoopMission": "fgplan.closed_loop.mission",
+    "LoopRobot": "fgplan.closed_loop.mission",
+    "Measurement": "fgplan.models.measurement",
     "MissingExtraError": "fgplan.errors",
     "Mission": "fgplan.planners.mission",
     "MissionRobot": "fgplan.planners.mission",
@@ -140,6 +163,7 @@ MODULE_OF = {
     "Objective": "fgplan.evaluation.objective",
     "ObjectiveValue": "fgplan.planners.plan",
     "Observation": "fgplan.paths.candidate_path",
+    "Odometry": "fgplan.models.measurement",
     "OptionError": "fgplan.errors",
     "PastState": "fgplan.evaluation.problem",
     "PathLengthTerm": "fgplan.evaluation.objective",
@@ -153,9 +177,15 @@ MODULE_OF = {
     "RelativePoseSensor": "fgplan.models.relative_pose",
     "RobotPlan": "fgplan.planners.plan",
     "ScenarioError": "fgplan.errors",
+    "SessionRecord": "fgplan.closed_loop.records",
+    "SlamOptions": "fgplan.slam.team_slam",
+    "SlamRecord": "fgplan.closed_loop.records",
+    "SlamStart": "fgplan.slam.team_slam",
     "StaleAnnouncementError": "fgplan.errors",
     "State": "fgplan.paths.state",
+    "StepRecord": "fgplan.closed_loop.records",
     "SweepTask": "fgplan.simulation.sweep",
+    "TeamSlam": "fgplan.slam.team_slam",
     "Trajectory": "fgplan.evaluation.objective",
     "Transport": "fgplan.team.transport",
     "TravelTimeTerm": "fgplan.evaluation.objective",
@@ -163,6 +193,7 @@ MODULE_OF = {
     "UncertaintyTerm": "fgplan.evaluation.objective",
     "UnknownNameError": "fgplan.errors",
     "World": "fgplan.simulation.world",
+    "WorldRobot": "fgplan.simulation.world",
     "candidate_belief": "fgplan.beliefs.candidate_belief",
     "candidate_sets": "fgplan.planners.impacted_paths.candidates",
     "check_sensor": "fgplan.models.sensor_check",
@@ -172,22 +203,31 @@ MODULE_OF = {
     "find_evaluator": "fgplan.evaluation.registry",
     "find_planner": "fgplan.planners.registry",
     "length_and_uncertainty": "fgplan.evaluation.objective",
+    "load_loop_mission": "fgplan.io.loop_mission",
     "load_mission": "fgplan.io.mission_file",
     "make_candidate_paths": "fgplan.paths.path_making",
     "pose_covariances": "fgplan.planners.impacted_paths.planner",
     "position": "fgplan.models.pose",
     "read_g2o": "fgplan.io.g2o",
+    "read_mrclam": "fgplan.io.mrclam",
     "read_options": "fgplan.planners.impacted_paths.options",
+    "read_pyfg": "fgplan.io.pyfg",
     "read_result": "fgplan.io.result_file",
+    "read_tum": "fgplan.io.tum",
     "register_planner": "fgplan.planners.registry",
     "register_uncertainty": "fgplan.models.uncertainty",
     "robot_plans": "fgplan.planners.impacted_paths.planner",
     "rotation_matrix": "fgplan.models.pose",
+    "run_in_folder": "fgplan.io.loop_folder",
+    "run_loop": "fgplan.closed_loop.loop",
     "run_sweep": "fgplan.simulation.sweep",
     "simulate": "fgplan.simulation.simulate",
+    "symbol_key": "fgplan.factors.keys",
     "uncertainty_function": "fgplan.models.uncertainty",
     "write_g2o": "fgplan.io.g2o",
+    "write_pyfg": "fgplan.io.pyfg",
     "write_result": "fgplan.io.result_file",
+    "write_tum": "fgplan.io.tum",
 }
 """Module of each public name."""
 
