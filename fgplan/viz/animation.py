@@ -29,6 +29,9 @@ _FAINT = 0.15
 _HOLD_S = 0.4
 """How long the choice is shown before the robots move, and four times as long the end."""
 
+_GIF_FPS = 100.0
+"""A frame of a GIF lasts whole hundredths of a second; zero would mean whatever a viewer takes."""
+
 _EXACT, _BLENDED, _APART = 24, 64, 8
 """Colours of the palette that are kept exactly, those that stand for all others, and
 the least difference between two."""
@@ -53,7 +56,8 @@ def animate_loop(
         history: The loop; at least one step.
         path: Ends in .gif or .mp4; its folder is made if missing.
         workspace: Bounds and obstacles; None takes the extent of all there is in the loop.
-        fps: Frames a second.
+        fps: Frames a second; in a .gif at most 100, because each stands for whole hundredths of
+            a second (30 become 33).
         dpi: Dots an inch of a film of 8 by 6 inches.
         frames: Longer missions show every second step, every third and so on, so that motion
             takes about so many frames; steps with a planning session are always shown.
@@ -62,7 +66,8 @@ def animate_loop(
         The path.
 
     Raises:
-        InvalidInputError: If the name ends otherwise, or there is no step.
+        InvalidInputError: If the name ends otherwise, a number is not above zero, a .gif has more
+            than 100 frames a second, or there is no step.
         MissingExtraError: If matplotlib, or for .mp4 ffmpeg, is not there.
     """
     path = Path(path)
@@ -71,6 +76,8 @@ def animate_loop(
     check_positive(fps, "film fps")
     check_positive(dpi, "film dpi")
     check_positive(frames, "film frames")
+    if path.suffix == ".gif" and fps > _GIF_FPS:
+        raise InvalidInputError(f"film fps: expected at most {_GIF_FPS:g} in a .gif, got {fps!r}")
     encoder = _ffmpeg() if path.suffix == ".mp4" else ""
     scene = LoopScene(history, workspace, dpi)
     moments = film_moments(history, frames=frames, hold=max(1, round(_HOLD_S * fps)))
@@ -133,7 +140,7 @@ def _write_gif(scene: LoopScene, moments: tuple[Moment, ...], path: Path, fps: f
         format="GIF",
         save_all=True,
         append_images=rest,
-        duration=round(1000.0 / fps),
+        duration=10 * round(_GIF_FPS / fps),
         loop=0,
         optimize=False,
     )

@@ -61,10 +61,7 @@ def loop_tracks(history: LoopHistory) -> LoopTracks:
     Raises:
         InvalidInputError: If there is no step, or a step lacks a robot.
     """
-    if not history.steps:
-        raise InvalidInputError(
-            f"closed loop {history.name!r}: expected at least one step to draw, got none"
-        )
+    check_steps(history)
     true_positions, positions, covariances, traces = {}, {}, {}, {}
     for robot in history.robots:
         true_positions[robot] = pose_positions(_stack(history, "truth", robot))
@@ -82,6 +79,18 @@ def loop_tracks(history: LoopHistory) -> LoopTracks:
         covariances=covariances,
         traces=traces,
     )
+
+
+def check_steps(history: LoopHistory) -> None:
+    """Check that there is something to draw.
+
+    Raises:
+        InvalidInputError: If there is no step.
+    """
+    if not history.steps:
+        raise InvalidInputError(
+            f"closed loop {history.name!r}: expected at least one step to draw, got none"
+        )
 
 
 def loop_extent(history: LoopHistory, workspace: Workspace | None = None) -> Extent:
@@ -114,8 +123,8 @@ def first_seen(history: LoopHistory) -> dict[Key, int]:
     steps: dict[Key, int] = {}
     for record in history.steps:
         for one in record.measurements:
-            if isinstance(one.target, int):
-                steps.setdefault(one.target, record.step)
+            if one.kind == "landmark":
+                steps.setdefault(int(one.target), record.step)
     return steps
 
 
@@ -139,9 +148,9 @@ def sightings(
         if not first <= record.step <= last:
             continue
         for one in record.measurements:
-            if isinstance(one.target, int) and one.target in result.landmarks:
+            if one.kind == "landmark" and one.target in result.landmarks:
                 pose = pose_at(result, one.robot, record.step)
-                where = np.asarray(result.landmarks[one.target])[:2]
+                where = np.asarray(result.landmarks[int(one.target)])[:2]
                 lines[one.robot].append(np.stack([pose_positions(pose[None])[0], where]))
     return {robot: np.array(each).reshape(-1, 2, 2) for robot, each in lines.items()}
 

@@ -190,5 +190,12 @@ def test_bad_input(tmp_path):
     for name in ("fps", "dpi", "frames"):
         with pytest.raises(InvalidInputError, match=f"film {name}"):
             animate_loop(SHORT, tmp_path / "film.gif", **{name: 0})
+    with pytest.raises(InvalidInputError, match=r"film fps: expected at most 100 in a \.gif"):
+        animate_loop(SHORT, tmp_path / "film.gif", fps=101)
     with pytest.raises(InvalidInputError, match="at least one step"):
         animate_loop(replace(SHORT, steps=()), tmp_path / "film.gif")
+
+
+def test_a_frame_of_a_gif_lasts_the_nearest_hundredths_of_a_second(tmp_path):
+    with image.open(animate_loop(SHORT, tmp_path / "film.gif", fps=27, dpi=20, frames=1)) as film:
+        assert film.info["duration"] == 40  # 37 ms: Pillow alone would cut it to 30

@@ -8,14 +8,17 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from loop_histories import LANDMARK_KEYS, ROBOTS, make_history
 
 from fgplan.errors import InvalidInputError, MissingExtraError
-from fgplan.viz.recording.loop_layers import loop_layers, static_layers
+from fgplan.viz.loop_tracks import first_seen, sightings
+from fgplan.viz.recording.loop_layers import Layers, loop_layers, static_layers
 from fgplan.viz.recording.loop_recording import record_loop
+from fgplan.viz.recording.rerun_recording import _log, _log_looks, _path
 from roadmaps import Workspace
 
 WORLD = Workspace(lower=[0, 0], upper=[2000, 2500], obstacles=[[(900, 40), (990, 40), (990, 99)]])
@@ -238,3 +241,37 @@ def test_bad_input(tmp_path):
         record_loop(HISTORY, tmp_path / "loop.bag")
     with pytest.raises(InvalidInputError, match="at least one step"):
         list(loop_layers(replace(HISTORY, steps=())))
+
+
+@pytest.mark.parametrize(("suffix", "package"), [(".rrd", "rerun"), (".mcap", "foxglove")])
+def test_a_loop_without_steps_leaves_the_file_that_is_there(tmp_path, suffix, package):
+    pytest.importorskip(package)
+    path = tmp_path / f"loop{suffix}"
+    path.write_bytes(b"earlier")
+    with pytest.raises(InvalidInputError, match="expected at least one step to draw, got none"):
+        record_loop(replace(HISTORY, steps=()), path)
+    assert path.read_bytes() == b"earlier"
+
+
+def test_measurements_count_whatever_integer_their_landmark_is():
+    step = next(record for record in HISTORY.steps if record.measurements)
+    one = step.measurements[0]
+    of_numpy = replace(one, target=np.uint64(one.target))
+    of_robot = replace(one, kind="robot", target="blue")
+    history = replace(HISTORY, steps=(replace(step, measurements=(of_numpy, of_robot)),))
+    (layers, *_) = loop_layers(history)
+    assert len(layers.lines[f"{one.robot}/measurements"].lines) == 1
+    assert first_seen(history) == {one.target: step.step}
+    drawn = sightings(history, HISTORY.final, step.step, step.step)
+    assert sum(map(len, drawn.values())) == 1
+
+
+def test_rerun_puts_looks_where_poses_are_for_a_name_with_a_slash():
+    rr = pytest.importorskip("rerun")
+    logged = []
+    stream = SimpleNamespace(log=lambda path, *_, **__: logged.append(list(path)))
+    _log_looks(rr, stream, SimpleNamespace(robots=("team/red",)))
+    assert [*_path("team/red/estimate"), "body"] in logged
+    _log(rr, stream, Layers(step=0, time_s=0.0, numbers={"sigma_m/team/red": 1.0}))
+    assert logged.count(["metrics", "sigma_m", "team", "red"]) == 2
+    assert _path("team/red/estimate") == ["map", "team", "red", "estimate"]

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fgplan.closed_loop.records import LoopHistory, SessionRecord, SlamRecord
+from fgplan.io.tum import spatial_matrix
 from fgplan.typing import FloatArray
 from fgplan.viz.ellipse import ellipse_outlines, world_position_covariances
-from fgplan.viz.loop_tracks import LoopTracks, loop_tracks
+from fgplan.viz.loop_tracks import LoopTracks, check_steps, loop_tracks
 from fgplan.viz.palette import LANDMARK, OBSTACLE, UNCHANGED, UNMAPPED, robot_styles
 from roadmaps import Workspace
 
@@ -83,7 +84,11 @@ def static_layers(history: LoopHistory, workspace: Workspace | None = None) -> L
 
     Returns:
         Layers at the first step.
+
+    Raises:
+        InvalidInputError: If there is no step.
     """
+    check_steps(history)
     lines: dict[str, LineLayer] = {}
     if workspace is not None:
         (left, low), (right, high) = workspace.lower[:2], workspace.upper[:2]
@@ -139,8 +144,8 @@ def _step_layers(history: LoopHistory, tracks: LoopTracks, place: int) -> Layers
     numbers: dict[str, float] = {}
     for robot in history.robots:
         color = styles[robot].color
-        poses[f"{robot}/estimate"] = estimate = _spatial(record.estimates[robot])
-        poses[f"{robot}/truth"] = truth = _spatial(record.truth[robot])
+        poses[f"{robot}/estimate"] = estimate = spatial_matrix(record.estimates[robot])
+        poses[f"{robot}/truth"] = truth = spatial_matrix(record.truth[robot])
         center = tracks.positions[robot][place : place + 1]
         covariance = tracks.covariances[robot][place : place + 1]
         outline = _closed(ellipse_outlines(center, covariance, _SIGMAS)[0], estimate[2, 3])
@@ -148,13 +153,12 @@ def _step_layers(history: LoopHistory, tracks: LoopTracks, place: int) -> Layers
         # From the last pose of the piece before, so that pieces join.
         piece = history.steps[max(begin - 1, 0) : place + 1]
         for name, kind, look in (("estimated", "estimates", color), ("true", "truth", "#000000")):
-            way = np.array([_spatial(getattr(one, kind)[robot])[:3, 3] for one in piece])
+            way = np.array([spatial_matrix(getattr(one, kind)[robot])[:3, 3] for one in piece])
             lines[f"{robot}/trail_{name}/{begin // _CHUNK}"] = LineLayer((way,), look)
         seen = tuple(
-            np.stack([truth[:3, 3], _raise(history.landmarks[one.target][None])[0]])
+            np.stack([truth[:3, 3], _raise(history.landmarks[int(one.target)][None])[0]])
             for one in record.measurements
-            if one.robot == robot and isinstance(one.target, int)
-            if one.target in history.landmarks
+            if one.robot == robot and one.kind == "landmark" and one.target in history.landmarks
         )
         lines[f"{robot}/measurements"] = LineLayer(seen, color, 0.5)
         numbers[f"sigma_m/{robot}"] = float(np.sqrt(tracks.traces[robot][place]))
@@ -181,7 +185,7 @@ def _session_layers(history: LoopHistory, session: SessionRecord) -> Layers:
             planned = tuple(_closed(o, z) for o, z in zip(outlines, where[:, 2], strict=True))
         lines[f"{robot}/planned_covariance"] = LineLayer(planned, color, 0.6)
     factors = tuple(
-        np.stack([_spatial(one.pose)[:3, 3], _spatial(other.pose)[:3, 3]])
+        np.stack([spatial_matrix(one.pose)[:3, 3], spatial_matrix(other.pose)[:3, 3]])
         for one, other in session.joined
     )
     lines["multi_robot_factors"] = LineLayer(factors, UNCHANGED, 0.6)
@@ -205,20 +209,9 @@ def _map_layers(result: SlamRecord) -> tuple[dict[str, LineLayer], dict[str, Poi
     return lines, {"landmarks/estimated": PointLayer(where, LANDMARK)}
 
 
-def _spatial(pose: FloatArray) -> FloatArray:
-    """A pose as (4, 4): planar ones lie at height 0."""
-    if pose.ndim == 2:
-        return pose
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[cos, -sin], [sin, cos]]
-    matrix[:2, 3] = pose[:2]
-    return matrix
-
-
 def _way(poses: FloatArray) -> FloatArray:
     """Positions of poses, shape (n, 3)."""
-    return np.array([_spatial(pose)[:3, 3] for pose in poses])
+    return np.array([spatial_matrix(pose)[:3, 3] for pose in poses])
 
 
 def _raise(points: FloatArray) -> FloatArray:

@@ -60,7 +60,7 @@ def record_mcap(
         The path.
 
     Raises:
-        InvalidInputError: If there is no step, or a step lacks a robot.
+        InvalidInputError: If there is no step, or a step lacks a robot; no file is made then.
         MissingExtraError: If foxglove-sdk is not installed.
     """
     try:
@@ -72,6 +72,7 @@ def record_mcap(
             f".mcap recordings need foxglove-sdk, which could not be imported ({error}); install "
             "the extra: pip install 'fgplan[mcap]'"
         ) from error
+    told = (static_layers(history, workspace), *loop_layers(history))
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     context = foxglove.Context()
@@ -85,7 +86,7 @@ def record_mcap(
         for kind in ("estimate", "truth")
     }
     with foxglove.open_mcap(path, context=context, allow_overwrite=True):
-        for layers in (static_layers(history, workspace), *loop_layers(history)):
+        for layers in told:
             stamp = round(layers.time_s * _NANOSECONDS)
             if layers.lines or layers.points:
                 drawn.log(scene.update(layers), log_time=stamp)

@@ -26,14 +26,14 @@ def record_rerun(
 
     Args:
         history: The loop; at least one step.
-        path: File to write.
+        path: File to write; replaced if it is there.
         workspace: Bounds and obstacles, or None.
 
     Returns:
         The path.
 
     Raises:
-        InvalidInputError: If there is no step, or a step lacks a robot.
+        InvalidInputError: If there is no step, or a step lacks a robot; no file is made then.
         MissingExtraError: If rerun-sdk is not installed.
     """
     try:
@@ -44,6 +44,7 @@ def record_rerun(
             f".rrd recordings need rerun-sdk, which could not be imported ({error}); install the "
             "extra: pip install 'fgplan[rerun]'"
         ) from error
+    told = (static_layers(history, workspace), *loop_layers(history))
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with rr.RecordingStream("fgplan") as stream:
@@ -53,7 +54,7 @@ def record_rerun(
         stream.set_log_tick_enabled(False)
         stream.log(FRAME, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         _log_looks(rr, stream, history)
-        for layers in (static_layers(history, workspace), *loop_layers(history)):
+        for layers in told:
             stream.set_time("step", sequence=layers.step)
             stream.set_time("time", duration=layers.time_s)
             _log(rr, stream, layers)
@@ -87,10 +88,10 @@ def _log_looks(rr: Any, stream: Any, history: LoopHistory) -> None:  # noqa: ANN
         color = _rgba(style.color, 1.0)
         for name, look in (("estimate", color), ("truth", [0, 0, 0, 255])):
             body = rr.Points3D([[0.0, 0.0, 0.0]], colors=[look], radii=[2 * _POINT_UI])
-            stream.log([FRAME, robot, name, "body"], body, static=True)
+            stream.log(_path(f"{robot}/{name}/body"), body, static=True)
         for metric in ("sigma_m", "error_m"):
             curve = rr.SeriesLines(colors=[color], names=[robot], widths=[2.0])
-            stream.log(["metrics", metric, robot], curve, static=True)
+            stream.log(["metrics", metric, *robot.split("/")], curve, static=True)
 
 
 def _blueprint(blueprint: Any) -> Any:  # noqa: ANN401
