@@ -258,9 +258,11 @@ class LoopScene:
             loc="upper left",
             bbox_to_anchor=(left, 0.5 - 44 / HEIGHT_PX),
             ncols=2,
-            fontsize=8,
+            fontsize=7.5,
             frameon=False,
-            columnspacing=1.0,
+            columnspacing=0.8,
+            handlelength=1.5,
+            handletextpad=0.5,
         )
 
     def _sight_lines(self, place: int) -> list[FloatArray]:
