@@ -26,10 +26,7 @@ from fgplan.reproduce.regev_scenarios.scenario_summary import (
 )
 from fgplan.simulation.sweep import SweepRecord, SweepSummary
 
-LEAST_MISSION = "messages_reused in session 3 for robots that kept candidates, least mission"
-LEAST_ROBOT = (
-    "messages_reused in session 3 for robots that kept candidates of more than 5 steps, least robot"
-)
+LEAST_MISSION = "messages_reused in session 3 by robots that kept candidates, least mission"
 ROBOTS = ("red", "green", "blue", "purple")
 
 
@@ -217,7 +214,7 @@ def test_requirements_are_those_of_the_issue():
     [
         ({"ratio": 9.0}, {"scenario 3: ratio_total", "scenario 3: ratio_choose_total"}),
         ({"end": 300.0}, {"scenario 3: position_trace_end over start of red, worst seed"}),
-        ({"reused": 0}, {LEAST_MISSION, LEAST_ROBOT}),
+        ({"reused": 0}, {LEAST_MISSION}),
     ],
 )
 def test_each_requirement_can_fail(change, unmet):
@@ -262,7 +259,8 @@ def test_who_is_about_to_arrive_need_not_take_over_messages():
         held["candidates_kept"] = {"red": 2, "green": 4}
         held["messages_reused"] = {"red": 7, "green": 0}
     judged = _judge([one])
-    assert (judged[LEAST_MISSION].value, judged[LEAST_ROBOT].value) == (7, 7)
+    assert judged[LEAST_MISSION].value == 7
+    assert judged[LEAST_MISSION].met
 
 
 def test_a_failed_mission_is_not_judged_away(monkeypatch):

@@ -177,9 +177,7 @@ def session_result(record: SessionRecord) -> dict[str, Any]:
         "messages_reused": dict(record.segments_reused),
         "messages_rebuilt": dict(record.segments_rebuilt),
         "candidates_kept": dict(record.candidates_kept),
-        "steps_left": {
-            robot: max(path.steps for path in paths) for robot, paths in record.candidates.items()
-        },
+        "steps_left": {robot: path.steps for robot, path in record.chosen.items()},
         "candidates_replaced": dict(record.candidates_replaced),
     }
 

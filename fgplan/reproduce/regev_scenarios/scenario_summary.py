@@ -56,7 +56,7 @@ def messages_taken_over(missions: Missions, session: int) -> list[dict[str, Any]
 
     Returns:
         A row a robot: scenario, variant, seed, robot, ``messages_reused``, and ``steps_left``, the
-        steps of its longest candidate.
+        steps of the path it then chose.
     """
     return [
         {
