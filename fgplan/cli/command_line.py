@@ -63,8 +63,14 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_VersionAction, nargs=0, help="show the version")
     verbs = parser.add_subparsers(dest="verb", metavar="COMMAND")
-    run = verbs.add_parser("run", help="plan a scenario file and write a run folder")
-    run.add_argument("scenario", metavar="SCENARIO", help="a .toml or .yaml scenario file")
+    run = verbs.add_parser(
+        "run", help="plan (or simulate) a scenario or a log and write a run folder"
+    )
+    run.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        help="a .toml or .yaml scenario, or a log: .g2o, .pyfg, a folder of them, an MR.CLAM folder",
+    )
     _add_common(run)
     plot = verbs.add_parser("plot", help="draw the figures of a run folder again")
     plot.add_argument("folder", metavar="DIR", help="a folder that fgplan run or demo wrote")
