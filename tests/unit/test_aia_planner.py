@@ -93,6 +93,7 @@ def test_controls_are_drawn_with_the_probabilities_of_equation_9(jointly, near_m
             k,
             False,
             False,
+            0,
             ends,
             cells,
             found,

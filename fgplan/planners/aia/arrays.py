@@ -91,7 +91,7 @@ def prepare(
     places, of_target = _predicted(problem, fields, _HORIZON)
     setting = Setting(
         obstacles=obstacle_arrays(problem.workspace),
-        motions=_motions(kinds, fields.clearances(problem.workspace)),
+        motions=_motions(kinds, _clearances(problem, fields)),
         sight=Sight(sensors=sensors, places=places, fixed=problem.fixed),
         dynamics=dynamics_arrays(problem.hidden)
         if problem.packed
@@ -259,6 +259,13 @@ def obstacle_arrays(workspace: Workspace) -> Obstacles:
         opaque=opaque,
         to_cells=np.ascontiguousarray(to_cells),
     )
+
+
+def _clearances(problem: AcquisitionProblem, fields: GeodesicFields) -> FloatArray:
+    """Clearance of each cell, where it pays: where poses recur, each is tested once anyway."""
+    if all(robot.primitives.frame == "world" for robot in problem.robots):
+        return np.full(len(fields.cell_centers), -1.0)
+    return fields.clearances(problem.workspace)
 
 
 def _predicted(

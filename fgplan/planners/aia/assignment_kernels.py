@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
@@ -32,7 +33,7 @@ class Fields(NamedTuple):
     of_goal: IntArray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def assign_targets(
     distance_m: NDArray[np.float32],
     fields: IntArray,

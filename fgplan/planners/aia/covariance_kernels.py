@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray
 
 DETERMINANT, TRACE, LARGEST_EIGENVALUE = 0, 1, 2
@@ -56,7 +57,7 @@ class Criteria(NamedTuple):
     satisfied: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def _measure(row: FloatArray, information: FloatArray) -> None:
     """Update every target that was measured, in place."""
     for o in range(0, row.shape[0], 3):
@@ -72,7 +73,7 @@ def _measure(row: FloatArray, information: FloatArray) -> None:
         row[o + 2] = (c + det * jxx) * scale
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def _predict(
     row: FloatArray, identity: bool, transition: FloatArray, process: FloatArray, t: int
 ) -> None:
@@ -98,7 +99,7 @@ def _predict(
         row[o + 2] = c + process[q, i, 2]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def propagate_row(
     row: FloatArray,
     information: FloatArray,
@@ -122,7 +123,7 @@ def propagate_row(
         _predict(row, identity, transition, process, t)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def read_numbers(row: FloatArray, function: int, out: FloatArray) -> None:
     """One number of each target's covariance, written to ``out``, shape (M,)."""
     for i in range(out.shape[0]):
@@ -136,7 +137,7 @@ def read_numbers(row: FloatArray, function: int, out: FloatArray) -> None:
             out[i] = 0.5 * (a + c) + np.sqrt(half * half + b * b)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def _joint(numbers: FloatArray, function: int) -> float:
     """That number of the joint covariance; of a determinant its logarithm."""
     total = 0.0
@@ -150,7 +151,7 @@ def _joint(numbers: FloatArray, function: int) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def total_of(numbers: FloatArray, function: int, scope: int) -> float:
     """The objective's term of one step."""
     if scope == SUM:
@@ -162,7 +163,7 @@ def total_of(numbers: FloatArray, function: int, scope: int) -> float:
     return float(np.exp(joint)) if function == DETERMINANT else joint
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def shortfall_of(
     numbers: FloatArray,
     function: int,
@@ -189,7 +190,7 @@ def shortfall_of(
     return joint / threshold[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def is_below(low: FloatArray, high: FloatArray) -> bool:
     """Whether covariances are at most others in the Loewner order, every target."""
     for o in range(0, low.shape[0], 3):

@@ -1,12 +1,13 @@
 """Compiled: lines 6 to 17 of Algorithm 1, a group extended to a new configuration.
 
-Arrays are taken out of their tuples once a call: a tuple costs a reference count an array.
+Nothing is allocated here, see ``compilation``.
 """
 
 import numpy as np
 from numba import njit
 
 from fgplan.planners.aia.assignment_kernels import assign_targets
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import (
     is_below,
     propagate_row,
@@ -38,7 +39,7 @@ from fgplan.planners.aia.tree_kernels import (
 from fgplan.typing import FloatArray, IntArray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def is_dominated(
     head: int,
     next_in_group: IntArray,
@@ -60,7 +61,7 @@ def is_dominated(
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def append_node(
     setting: Setting,
     settings: Settings,
@@ -85,7 +86,8 @@ def append_node(
     satisfied, assigned = scratch.satisfied, scratch.assigned
     node = counts[NODES]
     k = link_node(tree, parent, k, place, rows, cost)
-    tree.covariance[node] = scratch.covariance
+    for c in range(scratch.covariance.shape[0]):
+        tree.covariance[node, c] = scratch.covariance[c]
     numbers = scratch.numbers
     read_numbers(scratch.covariance, criteria.terminal, numbers)
     shortfall = shortfall_of(
@@ -124,7 +126,7 @@ def append_node(
     return k
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def extend_group(
     setting: Setting,
     settings: Settings,
@@ -152,9 +154,9 @@ def extend_group(
             for _ in range(int(rng.random() * tree.size[k])):
                 node = int(tree.next_in_group[node])
         last = node
-    seen_from = rows
-    if not settings.at_child:
-        seen_from = tree.configuration[k].astype(np.int64)
+    seen_from = scratch.rows
+    for j in range(rows.shape[0]):
+        seen_from[j] = rows[j] if settings.at_child else tree.configuration[k, j]
     known = -1  # time of the information at hand: the same for all times where targets stay
     while True:
         t = int(depths[node])
@@ -166,7 +168,8 @@ def extend_group(
             counts[REPEATED] += 1
         else:
             if child >= 0 and not settings.at_child:
-                covariance[:] = covariances[child]  # the same for all children
+                for c in range(covariance.shape[0]):  # the same for all children
+                    covariance[c] = covariances[child, c]
             else:
                 if known != (0 if setting.sight.fixed else t):
                     there = t + 1 if settings.at_child else t
@@ -182,7 +185,8 @@ def extend_group(
                             setting.sight, setting.obstacles, poses, seen_from, there, information
                         )
                     known = 0 if setting.sight.fixed else t
-                covariance[:] = covariances[node]
+                for c in range(covariance.shape[0]):
+                    covariance[c] = covariances[node, c]
                 propagate_row(
                     covariance,
                     information,

@@ -24,6 +24,7 @@ class GeodesicFields:
 
     Attributes:
         frame: (x0, y0, side, columns, rows), metres.
+        cell_centers: Shape (cells, 2), metres.
         distance_m: Shape (F, cells), float32, metres; infinite where it cannot be reached.
     """
 
@@ -49,7 +50,7 @@ class GeodesicFields:
         rows, columns = self._grid.frame.shape
         self.frame: FloatArray = np.array([*lower, cell_m, columns, rows])
         centers = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
-        self._centers = (centers.reshape(-1, 2) + 0.5) * cell_m + lower
+        self.cell_centers = (centers.reshape(-1, 2) + 0.5) * cell_m + lower
         self._free = np.flatnonzero(self._grid.free.ravel())
         if len(self._free) == 0:
             raise InvalidInputError(
@@ -73,7 +74,7 @@ class GeodesicFields:
         Returns:
             Shape (cells,), metres, negative where nothing is known.
         """
-        centers = self._centers
+        centers = self.cell_centers
         nearest = np.minimum(centers - workspace.lower, workspace.upper - centers).min(axis=1)
         if workspace.grid is not None:
             return np.full(len(centers), -1.0)
@@ -119,5 +120,5 @@ class GeodesicFields:
         cell = row * int(columns) + column
         if self._grid.free[row, column]:
             return cell
-        square = ((self._centers[self._free] - place) ** 2).sum(axis=1)
+        square = ((self.cell_centers[self._free] - place) ** 2).sum(axis=1)
         return int(self._free[int(np.argmin(square))])

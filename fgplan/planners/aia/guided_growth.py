@@ -172,6 +172,7 @@ class GuidedGrowth(Growth):
                     k,
                     self._uniform,
                     finished,
+                    0,
                     self._ends,
                     self._cells,
                     self._found,

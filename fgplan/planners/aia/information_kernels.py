@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, in_sight
 from fgplan.planners.aia.pose_kernels import ENTRY_COUNT, Poses
 from fgplan.typing import FloatArray, IntArray
@@ -40,22 +41,19 @@ class Sight(NamedTuple):
     fixed: bool
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def pair_information(
     sight: Sight,
     obstacles: Obstacles,
     pose: FloatArray,
     kind: int,
     target: FloatArray,
-    out: FloatArray,
-) -> bool:
-    """Information of one robot about one target, written to ``out``, shape (3,); False if none."""
+) -> tuple[bool, float, float, float]:
+    """Whether one robot learns of one target, and its information (J_xx, J_xy, J_yy)."""
     ox, oy = target[0] - pose[0], target[1] - pose[1]
     square = ox * ox + oy * oy
     length = np.sqrt(square)
-    out[0] = 0.0
-    out[1] = 0.0
-    out[2] = 0.0
+    jxx, jxy, jyy = 0.0, 0.0, 0.0
     looked = False
     for c in range(sight.sensors.shape[1]):
         sensor = sight.sensors[kind, c]
@@ -67,48 +65,51 @@ def pair_information(
                 continue
         if not looked:
             if not in_sight(obstacles, pose[0], pose[1], target[0], target[1]):
-                return False
+                return False, 0.0, 0.0, 0.0
             looked = True
         sigma = max(sensor[FLOOR], sensor[SIGMA] + sensor[SLOPE] * length)
         if sensor[CODE] == POSITION:
-            out[0] += 1.0 / (sigma * sigma)
-            out[2] += 1.0 / (sigma * sigma)
+            jxx += 1.0 / (sigma * sigma)
+            jyy += 1.0 / (sigma * sigma)
             continue
         if sensor[CODE] != BEARING:
             weight = 1.0 / (square * sigma * sigma)
-            out[0] += weight * ox * ox
-            out[1] += weight * ox * oy
-            out[2] += weight * oy * oy
+            jxx += weight * ox * ox
+            jxy += weight * ox * oy
+            jyy += weight * oy * oy
         if sensor[CODE] != RANGE:
             sigma = sensor[BEARING_SIGMA]
             weight = 1.0 / (square * square * sigma * sigma)
-            out[0] += weight * oy * oy
-            out[1] -= weight * ox * oy
-            out[2] += weight * ox * ox
-    return looked
+            jxx += weight * oy * oy
+            jxy -= weight * ox * oy
+            jyy += weight * ox * ox
+    return looked, jxx, jxy, jyy
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def remember_information(sight: Sight, obstacles: Obstacles, poses: Poses, row: int) -> None:
     """Enter what is learnt at a pose about targets that stay, once."""
     if poses.first[row] >= 0:
         return
-    found = np.empty(3)
     begin = poses.counts[ENTRY_COUNT]
     place = begin
     for i in range(sight.places.shape[1]):
         kind = poses.kind[row]
-        if pair_information(sight, obstacles, poses.pose[row], kind, sight.places[0, i], found):
+        learns, jxx, jxy, jyy = pair_information(
+            sight, obstacles, poses.pose[row], kind, sight.places[0, i]
+        )
+        if learns:
             poses.target[place] = i
-            for c in range(3):
-                poses.information[place, c] = found[c]
+            poses.information[place, 0] = jxx
+            poses.information[place, 1] = jxy
+            poses.information[place, 2] = jyy
             place += 1
     poses.first[row] = begin
     poses.entries[row] = place - begin
     poses.counts[ENTRY_COUNT] = place
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def sum_remembered(
     rows: IntArray,
     first: IntArray,
@@ -121,7 +122,8 @@ def sum_remembered(
     for j in range(rows.shape[0]):
         if first[rows[j]] < 0:
             return False
-    out[:] = 0.0
+    for c in range(out.shape[0]):
+        out[c] = 0.0
     for j in range(rows.shape[0]):
         begin = first[rows[j]]
         for e in range(begin, begin + entries[rows[j]]):
@@ -132,7 +134,7 @@ def sum_remembered(
     return True
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def team_information(
     sight: Sight, obstacles: Obstacles, poses: Poses, rows: IntArray, t: int, out: FloatArray
 ) -> None:
@@ -142,7 +144,8 @@ def team_information(
             remember_information(sight, obstacles, poses, rows[j])
         sum_remembered(rows, poses.first, poses.entries, poses.target, poses.information, out)
         return
-    out[:] = 0.0
+    for c in range(out.shape[0]):
+        out[c] = 0.0
     places = sight.places[min(t, sight.places.shape[0] - 1)]
     longest = 0.0
     for k in range(sight.sensors.shape[0]):
@@ -150,7 +153,6 @@ def team_information(
             longest = max(longest, sight.sensors[k, c, MAX_RANGE])
     square = longest * longest
     pose = poses.pose
-    found = np.empty(3)
     for j in range(rows.shape[0]):
         row = rows[j]
         x, y = pose[row, 0], pose[row, 1]
@@ -159,6 +161,8 @@ def team_information(
             if dx * dx + dy * dy > square:
                 continue
             kind = poses.kind[row]
-            if pair_information(sight, obstacles, pose[row], kind, places[i], found):
-                for c in range(3):
-                    out[3 * i + c] += found[c]
+            learns, jxx, jxy, jyy = pair_information(sight, obstacles, pose[row], kind, places[i])
+            if learns:
+                out[3 * i] += jxx
+                out[3 * i + 1] += jxy
+                out[3 * i + 2] += jyy

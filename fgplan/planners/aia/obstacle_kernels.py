@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 _HAIR = 1e-9  # cells
@@ -46,7 +47,7 @@ class Obstacles(NamedTuple):
     to_cells: FloatArray
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def _squared_distance(px: float, py: float, cx: float, cy: float, dx: float, dy: float) -> float:
     """Squared distance of a point to segment cd."""
     ux, uy = dx - cx, dy - cy
@@ -57,7 +58,7 @@ def _squared_distance(px: float, py: float, cx: float, cy: float, dx: float, dy:
     return ox * ox + oy * oy
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def touches_polygon(
     obstacles: Obstacles, ax: float, ay: float, bx: float, by: float, clearance_m: float
 ) -> bool:
@@ -106,7 +107,7 @@ def touches_polygon(
     return False
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def _cell_touched(cells: BoolArray, column: float, row: float) -> bool:
     """Whether a point touches a marked cell of a grid with a border."""
     rows, columns = cells.shape[0] - 2, cells.shape[1] - 2
@@ -117,7 +118,7 @@ def _cell_touched(cells: BoolArray, column: float, row: float) -> bool:
     return bool(cells[r0, c0] or cells[r1, c1] or cells[r0, c1] or cells[r1, c0])
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def _next_line(start: float, step: float, line: float) -> float:
     """Parameter at which a coordinate reaches a grid line; 2 where it never does."""
     if step == 0.0:
@@ -125,7 +126,7 @@ def _next_line(start: float, step: float, line: float) -> float:
     return (line - start) / step
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def touches_cells(
     cells: BoolArray, to_cells: FloatArray, ax: float, ay: float, bx: float, by: float
 ) -> bool:
@@ -157,7 +158,7 @@ def touches_cells(
             tr = _next_line(ar, sr, line_r)
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def motion_free(obstacles: Obstacles, ax: float, ay: float, bx: float, by: float) -> bool:
     """Whether a robot's disc stays free along a straight motion, its centre within the bounds."""
     lower, upper = obstacles.lower, obstacles.upper
@@ -172,7 +173,7 @@ def motion_free(obstacles: Obstacles, ax: float, ay: float, bx: float, by: float
     return not touches_cells(obstacles.blocked, obstacles.to_cells, ax, ay, bx, by)
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def in_sight(obstacles: Obstacles, ax: float, ay: float, bx: float, by: float) -> bool:
     """Whether a straight line of sight is free."""
     if touches_polygon(obstacles, ax, ay, bx, by, 0.0):

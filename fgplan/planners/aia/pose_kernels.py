@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, motion_free
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
@@ -52,6 +53,9 @@ class Poses(NamedTuple):
         slots: Hash table of row numbers, -1 where free; its length is a power of two.
         successors: Rows that each control leads to, -1 where it is blocked, -2 in the first column
             where not known yet, shape (S, U); shape (0, 0) where poses do not recur.
+        preferred: u* of equation (9) towards each target that stays: a control, -1 where controls
+            are drawn uniformly, -2 where not known yet, shape (S, M); shape (0, 0) where not
+            remembered.
         first: First entry of information, -1 where not known yet, shape (S,).
         entries: Number of entries of information, shape (S,).
         target: Target of each entry, shape (I,).
@@ -64,6 +68,7 @@ class Poses(NamedTuple):
     cell: IntArray
     slots: IntArray
     successors: IntArray
+    preferred: IntArray
     first: IntArray
     entries: IntArray
     target: IntArray
@@ -71,7 +76,7 @@ class Poses(NamedTuple):
     counts: IntArray
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def find_cell(frame: FloatArray, x: float, y: float) -> int:
     """Geodesic cell of a position: frame is (x0, y0, side, columns, rows)."""
     column = int(np.floor((x - frame[0]) / frame[2]))
@@ -81,28 +86,28 @@ def find_cell(frame: FloatArray, x: float, y: float) -> int:
     return row * int(frame[3]) + column
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def _digits(x: float, y: float, heading: float) -> tuple[int, int, int]:
     """Whole micrometres and millionths of a turn: poses with the same are one."""
     turns = int(np.floor(heading / (2.0 * np.pi) * _PER_TURN + 0.5)) % int(_PER_TURN)
     return int(np.floor(x * _PER_METRE + 0.5)), int(np.floor(y * _PER_METRE + 0.5)), turns
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def _mixed(kx: int, ky: int, kh: int, kind: int) -> int:
     """Hash of a pose."""
     mixed = (kx * 73856093) ^ (ky * 19349663) ^ (kh * 83492791) ^ (kind * 50331653)
     return mixed ^ (mixed >> 15)
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def place_of(pose: FloatArray, kind: int) -> int:
     """Hash of a pose in the table."""
     kx, ky, kh = _digits(pose[0], pose[1], pose[2])
     return _mixed(kx, ky, kh, int(kind))
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def enter_pose(
     poses: Poses, frame: FloatArray, kind: int, x: float, y: float, heading: float
 ) -> int:
@@ -128,11 +133,14 @@ def enter_pose(
     poses.first[row] = -1
     if poses.successors.shape[0] > 0:
         poses.successors[row, 0] = -2
+    if poses.preferred.shape[0] > 0:
+        for i in range(poses.preferred.shape[1]):
+            poses.preferred[row, i] = -2
     poses.counts[POSE_COUNT] = row + 1
     return int(row)
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def follow_controls(
     motions: Motions,
     obstacles: Obstacles,
@@ -173,7 +181,7 @@ def follow_controls(
             ax, ay = bx, by
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def remember_successors(
     poses: Poses,
     motions: Motions,

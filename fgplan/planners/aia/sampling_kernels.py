@@ -16,6 +16,7 @@ each robot, two or more for the group.
 import numpy as np
 from numba import njit
 
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import read_numbers, shortfall_of
 from fgplan.planners.aia.extension_kernels import extend_group
 from fgplan.planners.aia.pose_kernels import (
@@ -51,7 +52,7 @@ from fgplan.planners.aia.tree_kernels import (
 from fgplan.typing import FloatArray, IntArray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def draw_group(
     counts: IntArray,
     deepest: IntArray,
@@ -73,7 +74,7 @@ def draw_group(
             return k
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, controls: int) -> int:
     """Free control whose end is nearest by geodesic distance; -1 where none reaches."""
     best = -1
@@ -85,7 +86,7 @@ def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, contro
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def _widest_turn(
     before: FloatArray, ends: FloatArray, found: IntArray, controls: int, target: FloatArray
 ) -> int:
@@ -104,7 +105,7 @@ def _widest_turn(
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def _chosen(
     preferred: int,
     p_control: float,
@@ -133,7 +134,7 @@ def _chosen(
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bool:
     """Whether a node satisfies the terminal constraint, wherever the robots are."""
     criteria = setting.criteria
@@ -149,7 +150,108 @@ def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bo
     return shortfall <= 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
+def _fill_controls(
+    setting: Setting,
+    poses: Poses,
+    row: int,
+    ends: FloatArray,
+    cells: IntArray,
+    found: IntArray,
+) -> int:
+    """Ends, cells and rows of a pose's controls (-1 blocked, -2 not entered); how many."""
+    kind = poses.kind[row]
+    controls = setting.motions.controls[kind]
+    if poses.successors.shape[0] == 0:
+        follow_controls(
+            setting.motions,
+            setting.obstacles,
+            poses.pose[row],
+            kind,
+            poses.cell[row],
+            ends,
+            found,
+        )
+        for u in range(controls):
+            cells[u] = find_cell(setting.fields.frame, ends[u, 0], ends[u, 1])
+        return int(controls)
+    remember_successors(
+        poses, setting.motions, setting.obstacles, setting.fields.frame, row, ends, found
+    )
+    for u in range(controls):
+        found[u] = poses.successors[row, u]
+        if found[u] >= 0:
+            cells[u] = poses.cell[found[u]]
+            for c in range(3):
+                ends[u, c] = poses.pose[found[u], c]
+    return int(controls)
+
+
+@njit(**UNCOUNTED)
+def _preferred_control(
+    setting: Setting,
+    circle: bool,
+    pose: FloatArray,
+    j: int,
+    target: int,
+    t: int,
+    to_goal: bool,
+    ends: FloatArray,
+    cells: IntArray,
+    found: IntArray,
+    controls: int,
+) -> int:
+    """u* of equation (9), or -1 where controls are drawn uniformly."""
+    fields = setting.fields
+    if to_goal:
+        return _nearest_end(fields.distance_m[fields.of_goal[j]], cells, found, controls)
+    field = fields.of_target[min(t, fields.of_target.shape[0] - 1), target]
+    best = _nearest_end(fields.distance_m[field], cells, found, controls)
+    if best < 0:
+        return -1
+    place = setting.sight.places[min(t, setting.sight.places.shape[0] - 1), target]
+    dx, dy = ends[best, 0] - place[0], ends[best, 1] - place[1]
+    if dx * dx + dy * dy > setting.near_m[j] * setting.near_m[j]:
+        return best
+    if circle:
+        return _widest_turn(pose, ends, found, controls, place)
+    return -1
+
+
+@njit(**UNCOUNTED)
+def _draw_remembered(
+    begin: int,
+    rows: IntArray,
+    assigned: IntArray,
+    successors: IntArray,
+    preferred: IntArray,
+    controls: IntArray,
+    kind: IntArray,
+    p_control: float,
+    jointly: bool,
+    drawn: IntArray,
+    rng: np.random.Generator,
+) -> int:
+    """Draw for robots from ``begin`` on while their u* is known; the robot at which it is not.
+
+    Marks a robot whose draw is not free by -1 in ``drawn``.
+    """
+    for j in range(begin, rows.shape[0]):
+        row = rows[j]
+        best = preferred[row, assigned[j]]
+        if best == -2:
+            return j
+        number = rng.random()
+        if best >= 0 and number < p_control:
+            drawn[j] = successors[row, best]
+            continue
+        many = controls[kind[row]]
+        chosen = _chosen(best, p_control, jointly, successors[row], many, number)
+        drawn[j] = successors[row, chosen] if chosen >= 0 else -1
+    return int(rows.shape[0])
+
+
+@njit(**UNCOUNTED)
 def draw_controls(
     setting: Setting,
     settings: Settings,
@@ -158,6 +260,7 @@ def draw_controls(
     k: int,
     uniform: bool,
     finished: bool,
+    begin: int,
     ends: FloatArray,
     cells: IntArray,
     found: IntArray,
@@ -167,66 +270,69 @@ def draw_controls(
 
     Where:
         finished: Whether the group's last node has nothing to learn: robots then prefer controls
-            towards their terminal goals. ``ends``, ``cells`` and ``found`` are scratch.
+            towards their terminal goals.
+        begin: Robots before this one have been drawn for.
+        ends: Scratch, as are ``cells`` and ``found``.
     """
     node = tree.tail[k]
-    assigned = tree.assigned[node]
-    fields, places = setting.fields, setting.sight.places
-    successors, pose, cell = poses.successors, poses.pose, poses.cell
-    t = min(tree.depth[node] + 1, fields.of_target.shape[0] - 1)
-    of_target, place = fields.of_target[t], places[min(t, places.shape[0] - 1)]
-    distance_m, of_goal, near_m = fields.distance_m, fields.of_goal, setting.near_m
-    rows, drawn = tree.configuration[k], tree.drawn
-    remembered = successors.shape[0] > 0
-    free_everywhere = True
-    for j in range(rows.shape[0]):
-        row = int(rows[j])
-        kind = poses.kind[row]
-        controls = setting.motions.controls[kind]
+    rows, assigned, drawn = tree.configuration[k], tree.assigned[node], tree.drawn
+    t = tree.depth[node] + 1
+    robots = rows.shape[0]
+    j = begin
+    remembered = poses.preferred.shape[0] > 0 and not uniform and not finished
+    while j < robots:
         if remembered:
-            if successors[row, 0] == -2:
-                remember_successors(
-                    poses, setting.motions, setting.obstacles, fields.frame, row, ends, found
-                )
-            for u in range(controls):
-                found[u] = successors[row, u]
-        else:
-            follow_controls(
-                setting.motions, setting.obstacles, pose[row], kind, cell[row], ends, found
+            j = _draw_remembered(
+                j,
+                rows,
+                assigned,
+                poses.successors,
+                poses.preferred,
+                setting.motions.controls,
+                poses.kind,
+                settings.p_control,
+                settings.reject_jointly,
+                drawn,
+                rng,
             )
+            if j == robots:
+                break
+        row = int(rows[j])
+        controls = _fill_controls(setting, poses, row, ends, cells, found)
         preferred = -1
         if not uniform:
-            for u in range(controls):
-                if found[u] >= 0:
-                    cells[u] = cell[found[u]]
-                elif found[u] == -2:
-                    cells[u] = find_cell(fields.frame, ends[u, 0], ends[u, 1])
-            to_goal = finished and of_goal[j] >= 0
-            field = of_goal[j] if to_goal else of_target[assigned[j]]
-            preferred = _nearest_end(distance_m[field], cells, found, controls)
-            if preferred >= 0 and not to_goal:
-                target = place[assigned[j]]
-                end = pose[found[preferred]] if found[preferred] >= 0 else ends[preferred]
-                dx, dy = end[0] - target[0], end[1] - target[1]
-                if dx * dx + dy * dy <= near_m[j] * near_m[j]:
-                    preferred = -1
-                    if settings.circle:
-                        if remembered:
-                            for u in range(controls):
-                                if found[u] >= 0:
-                                    ends[u] = pose[found[u]]
-                        preferred = _widest_turn(pose[row], ends, found, controls, target)
+            to_goal = finished and setting.fields.of_goal[j] >= 0
+            preferred = _preferred_control(
+                setting,
+                settings.circle,
+                poses.pose[row],
+                j,
+                int(assigned[j]),
+                t,
+                to_goal,
+                ends,
+                cells,
+                found,
+                controls,
+            )
+        if remembered:
+            poses.preferred[row, assigned[j]] = preferred
+            continue
         chosen = _chosen(
             preferred, settings.p_control, settings.reject_jointly, found, controls, rng.random()
         )
-        if chosen < 0 or found[chosen] == -1:
-            free_everywhere = False
-        elif found[chosen] == -2:
-            end = ends[chosen]
-            drawn[j] = enter_pose(poses, fields.frame, kind, end[0], end[1], end[2])
-        else:
+        drawn[j] = -1
+        if chosen >= 0:
             drawn[j] = found[chosen]
-    return free_everywhere
+            if found[chosen] == -2:
+                kind = poses.kind[row]
+                end = ends[chosen]
+                drawn[j] = enter_pose(poses, setting.fields.frame, kind, end[0], end[1], end[2])
+        j += 1
+    free = True
+    for j in range(robots):
+        free = free and drawn[j] >= 0
+    return free
 
 
 @njit(cache=True)
@@ -261,6 +367,10 @@ def grow(
     times = setting.fields.of_target.shape[0]
     capacity = tree.parent.shape[0]
     goals = setting.fields.of_goal.max() >= 0
+    remembered = poses.preferred.shape[0] > 0
+    configuration, assigned, tail, drawn = tree.configuration, tree.assigned, tree.tail, tree.drawn
+    successors, preferred, kind = poses.successors, poses.preferred, poses.kind
+    controls = setting.motions.controls
     last = counts[ITERATIONS] + iterations
     while counts[ITERATIONS] < last:
         if used[POSE_COUNT] > room or used[ENTRY_COUNT] > room_for_entries:
@@ -273,9 +383,41 @@ def grow(
             )
             k = draw_group(counts, deepest, stamp, settings.p_group, uniform, rng)
             finished = goals and is_finished(setting, tree, scratch, tree.tail[k])
-            if not draw_controls(
-                setting, settings, poses, tree, k, uniform, finished, ends, cells, found, rng
-            ):
+            begin = 0
+            if remembered and not uniform and not finished:
+                begin = _draw_remembered(
+                    0,
+                    configuration[k],
+                    assigned[tail[k]],
+                    successors,
+                    preferred,
+                    controls,
+                    kind,
+                    settings.p_control,
+                    settings.reject_jointly,
+                    drawn,
+                    rng,
+                )
+            free = True
+            if begin < robots:
+                free = draw_controls(
+                    setting,
+                    settings,
+                    poses,
+                    tree,
+                    k,
+                    uniform,
+                    finished,
+                    begin,
+                    ends,
+                    cells,
+                    found,
+                    rng,
+                )
+            else:
+                for j in range(robots):
+                    free = free and drawn[j] >= 0
+            if not free:
                 counts[REJECTED] += 1
                 counts[ITERATIONS] += 1
                 continue

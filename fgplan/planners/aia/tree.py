@@ -50,6 +50,10 @@ def make_poses(prepared: Prepared) -> Poses:
         cell=np.empty(rows, dtype=np.int32),
         slots=np.full(_slots(rows), -1, dtype=np.int32),
         successors=np.empty((rows, controls) if recurs else (0, 0), dtype=np.int32),
+        preferred=np.empty(
+            (rows, setting.sight.places.shape[1]) if recurs and setting.sight.fixed else (0, 0),
+            dtype=np.int16,
+        ),
         first=np.empty(rows, dtype=np.int32),
         entries=np.empty(rows, dtype=np.int32),
         target=np.empty(entries, dtype=np.int32),
@@ -77,6 +81,7 @@ def more_poses(poses: Poses) -> Poses:
         successors=_grown(poses.successors, rows, used)
         if len(poses.successors)
         else poses.successors,
+        preferred=_grown(poses.preferred, rows, used) if len(poses.preferred) else poses.preferred,
         first=_grown(poses.first, rows, used),
         entries=_grown(poses.entries, rows, used),
         target=_grown(poses.target, 2 * len(poses.target), entries),
@@ -191,6 +196,7 @@ def make_scratch(prepared: Prepared) -> Scratch:
         holders=np.zeros(targets, dtype=np.int64),
         open_targets=np.zeros(targets, dtype=np.bool_),
         assigned=np.zeros(robots, dtype=np.int64),
+        rows=np.zeros(robots, dtype=np.int64),
     )
 
 

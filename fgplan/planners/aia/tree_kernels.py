@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from fgplan.planners.aia.assignment_kernels import Fields
+from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import Criteria, Dynamics
 from fgplan.planners.aia.information_kernels import Sight
 from fgplan.planners.aia.obstacle_kernels import Obstacles
@@ -154,7 +155,11 @@ class Tree(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for one node: information and covariance (3 M,), numbers and sets of targets (M,)."""
+    """Room for one node.
+
+    Information and covariance (3 M,), numbers and sets of targets (M,), assignment and
+    configuration (N,).
+    """
 
     information: FloatArray
     covariance: FloatArray
@@ -163,9 +168,10 @@ class Scratch(NamedTuple):
     holders: IntArray
     open_targets: BoolArray
     assigned: IntArray
+    rows: IntArray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def find_group(slots: IntArray, configuration: IntArray, rows: IntArray) -> tuple[int, int]:
     """Group of a configuration, or -1, and its place in the hash table."""
     mixed = np.int64(1469598103)
@@ -187,7 +193,7 @@ def find_group(slots: IntArray, configuration: IntArray, rows: IntArray) -> tupl
         place = (place + 1) & mask
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def link_node(tree: Tree, parent: int, k: int, place: int, rows: IntArray, cost: float) -> int:
     """Append a node: links, group and cost; -1 parent makes the root.
 
@@ -234,7 +240,7 @@ def link_node(tree: Tree, parent: int, k: int, place: int, rows: IntArray, cost:
     return int(k)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def repeats(
     first_child: IntArray, next_sibling: IntArray, group: IntArray, node: int, k: int
 ) -> tuple[bool, int]:
@@ -248,7 +254,7 @@ def repeats(
     return False, some
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**UNCOUNTED)
 def at_goal(goal: FloatArray, pose: FloatArray, rows: IntArray) -> bool:
     """Whether every robot is at its terminal goal."""
     for j in range(rows.shape[0]):

@@ -1,0 +1,284 @@
+"""Algorithm 1 of Kantaros et al. 2019 in vectorised numpy with a dense joint covariance.
+
+The opponent of ``fgplan bench aia``, written from the paper and sharing no numerical code with the
+planner: node objects, a dictionary of groups, stacked whitened rows, a dense 2M x 2M Kalman filter,
+determinants of all targets in one call, Algorithm 2 over numpy arrays. It is given the geodesic
+fields and a test of sight, and remembers successors and visibility by pose, so that what is
+compared is the tree and the filter. It draws the same random numbers as the planner.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class Node:
+    """One node: depth, cost, dense covariance, assignment, and its parent."""
+
+    parent: int
+    group: int
+    depth: int
+    cost: float
+    covariance: np.ndarray
+    assigned: np.ndarray
+    children: set = field(default_factory=set)
+
+
+@dataclass
+class DenseReference:
+    """The whole problem and the tree.
+
+    ``relative`` (U, 3) and ``body`` say the controls, ``distance`` (F, cells) and ``frame`` the
+    geodesic fields, ``field_of`` (T, M) which one is a target's at a time, ``places`` (T, M, 2) the
+    predicted targets (one row if they stay), ``process`` (M, 2, 2); ``is_free(a, b)`` and
+    ``is_seen(a, b)`` test one way each.
+    """
+
+    starts: np.ndarray
+    relative: np.ndarray
+    waypoints: np.ndarray
+    body: bool
+    places: np.ndarray
+    process: np.ndarray
+    prior: np.ndarray
+    delta: float
+    distance: np.ndarray
+    frame: np.ndarray
+    field_of: np.ndarray
+    is_free: Callable[[np.ndarray, np.ndarray], bool]
+    is_seen: Callable[[np.ndarray, np.ndarray], bool]
+    range_m: float = 2.0
+    slope: float = 0.25
+    floor_m: float = 0.01
+    near_m: float = 0.3
+    p_group: float = 0.9
+    p_control: float = 0.9
+
+    def plant(self) -> None:
+        """Line 1: the root."""
+        targets = self.places.shape[1]
+        self.prior_covariance = np.kron(np.eye(targets), self.prior)
+        self.process_covariance = np.zeros((2 * targets, 2 * targets))
+        for i in range(targets):
+            self.process_covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.process[i]
+        self.transition = np.eye(2 * targets)
+        self.block = np.arange(targets)
+        self.free_of: dict = {}
+        self.seen_of: dict = {}
+        self.nodes: list[Node] = []
+        self.groups: dict = {}
+        self.members: list[list[int]] = []
+        self.poses: list[np.ndarray] = []
+        self.keys: list[tuple] = []
+        self.stamp: list[int] = []
+        self.deepest: list[int] = []
+        self.depth = 0
+        self.best = np.inf
+        self.iterations = 0
+        dets = self._dets(self.prior_covariance)
+        self._append(
+            -1, self.starts, self._key(self.starts), 0, dets.sum(), self.prior_covariance, dets
+        )
+
+    def run(self, iterations: int, generator: np.random.Generator, stop: bool) -> None:
+        """Lines 2 to 17, until the iterations are spent or, if asked, a plan is feasible."""
+        for _ in range(iterations):
+            self.iterations += 1
+            k = self._draw_group(generator)
+            drawn = self._draw_controls(k, generator)
+            if drawn is None:
+                continue
+            key = self._key(drawn)
+            for index in list(self.members[k]):
+                self._extend(index, drawn, key)
+            if stop and np.isfinite(self.best):
+                return
+
+    def _key(self, poses: np.ndarray) -> tuple:
+        """A configuration as a key."""
+        digits = np.rint(poses * 1e6).astype(np.int64)
+        digits[:, 2] %= round(2e6 * np.pi)
+        return tuple(digits.ravel().tolist())
+
+    def _dets(self, covariance: np.ndarray) -> np.ndarray:
+        """Determinant of every target's block."""
+        blocks = covariance.reshape(len(self.block), 2, len(self.block), 2)
+        return np.linalg.det(blocks[self.block, :, self.block, :])
+
+    def _cells(self, points: np.ndarray) -> np.ndarray:
+        """Geodesic cell of points of shape (..., 2)."""
+        x0, y0, side, columns, rows = self.frame
+        column = np.clip(np.floor((points[..., 0] - x0) / side), 0, columns - 1)
+        row = np.clip(np.floor((points[..., 1] - y0) / side), 0, rows - 1)
+        return (row * columns + column).astype(np.int64)
+
+    def _at(self, series: np.ndarray, time: int) -> np.ndarray:
+        """Entry of a series at a time; the last one for ever."""
+        return series[min(time, len(series) - 1)]
+
+    def _draw_group(self, generator: np.random.Generator) -> int:
+        """Equation (8)."""
+        biased = generator.random() < self.p_group
+        if biased or len(self.members) == len(self.deepest):
+            return self.deepest[int(generator.random() * len(self.deepest))]
+        while True:
+            k = int(generator.random() * len(self.members))
+            if self.stamp[k] != self.depth:
+                return k
+
+    def _successors(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Ends (N, U, 3) of all controls and whether their ways are free (N, U)."""
+        cos, sin = np.ones(len(poses)), np.zeros(len(poses))
+        if self.body:
+            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+        ends = np.empty((len(poses), len(self.relative), 3))
+        ends[..., :2] = poses[:, None, :2] + np.einsum("nij,uj->nui", turn, self.relative[:, :2])
+        ends[..., 2] = poses[:, None, 2] + self.relative[:, 2]
+        ends[..., 2] -= 2 * np.pi * (ends[..., 2] > np.pi)
+        ends[..., 2] += 2 * np.pi * (ends[..., 2] <= -np.pi)
+        free = np.empty(ends.shape[:2], dtype=bool)
+        for j, pose in enumerate(poses):
+            key = tuple(np.rint(pose * 1e6).tolist())
+            known = self.free_of.get(key)
+            if known is None:
+                ways = pose[:2] + self.waypoints @ turn[j].T
+                known = np.array([self._is_free_way(pose[:2], way) for way in ways])
+                self.free_of[key] = known
+            free[j] = known
+        return ends, free
+
+    def _is_free_way(self, start: np.ndarray, way: np.ndarray) -> bool:
+        """Whether every piece of a way is free."""
+        for point in way:
+            if not np.array_equal(point, start) and not self.is_free(start, point):
+                return False
+            start = point
+        return True
+
+    def _draw_controls(self, k: int, generator: np.random.Generator) -> np.ndarray | None:
+        """Equation (9), all robots at once, from the controls that are free."""
+        node = self.nodes[self.members[k][-1]]
+        poses = self.poses[k]
+        ends, free = self._successors(poses)
+        fields = self._at(self.field_of, node.depth + 1)[node.assigned]
+        distance = self.distance[fields[:, None], self._cells(ends[..., :2])]
+        distance = np.where(free, distance, np.inf)
+        best = distance.argmin(axis=1)
+        robots = np.arange(len(poses))
+        places = self._at(self.places, node.depth + 1)[node.assigned]
+        offset = ends[robots, best, :2] - places
+        far = (offset**2).sum(axis=1) > self.near_m**2
+        far &= np.isfinite(distance[robots, best])
+        numbers = generator.random(len(poses))
+        take = far & (numbers < self.p_control)
+        rest = (numbers - self.p_control) / (1.0 - self.p_control)
+        share = np.where(far, rest, numbers)
+        counts = free.sum(axis=1)
+        if (counts == 0).any():
+            return None
+        place = (np.maximum(share, 0.0) * counts).astype(np.int64)
+        among = (np.cumsum(free, axis=1) == (place + 1)[:, None]).argmax(axis=1)
+        return ends[robots, np.where(take, best, among)]
+
+    def _rows(self, poses: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
+        """Measurement matrix and noise of all robots and targets at a time."""
+        places = self._at(self.places, time)
+        offset = places[None] - poses[:, None, :2]
+        length = np.sqrt((offset**2).sum(axis=-1))
+        near = (length <= self.range_m) & (length > 1e-9)
+        for j, i in zip(*np.nonzero(near), strict=True):
+            key = (*poses[j, :2].tolist(), *places[i].tolist())
+            seen = self.seen_of.get(key)
+            if seen is None:
+                seen = self.seen_of[key] = self.is_seen(poses[j, :2], places[i])
+            near[j, i] = seen
+        robot, target = np.nonzero(near)
+        rows = np.zeros((len(robot), 2 * len(places)))
+        unit = offset[robot, target] / length[robot, target, None]
+        rows[np.arange(len(robot)), 2 * target] = unit[:, 0]
+        rows[np.arange(len(robot)), 2 * target + 1] = unit[:, 1]
+        return rows, np.maximum(self.floor_m, self.slope * length[robot, target]) ** 2
+
+    def _extend(self, index: int, poses: np.ndarray, key: tuple) -> None:
+        """Lines 7 to 17 for one node."""
+        node = self.nodes[index]
+        if key in node.children:
+            return
+        node.children.add(key)
+        rows, noise = self._rows(self.poses[node.group], node.depth)
+        covariance = node.covariance
+        if len(rows):
+            cross = covariance @ rows.T
+            innovation = rows @ cross
+            innovation[np.diag_indices(len(rows))] += noise
+            covariance = covariance - cross @ np.linalg.solve(innovation, cross.T)
+        covariance = self.transition @ covariance @ self.transition.T + self.process_covariance
+        dets = self._dets(covariance)
+        self._append(index, poses, key, node.depth + 1, node.cost + dets.sum(), covariance, dets)
+
+    def _append(
+        self,
+        parent: int,
+        poses: np.ndarray,
+        key: tuple,
+        depth: int,
+        cost: float,
+        covariance: np.ndarray,
+        dets: np.ndarray,
+    ) -> None:
+        """Insert a node into tree and group, test the goal, assign targets."""
+        k = self.groups.get(key)
+        if k is None:
+            k = self.groups[key] = len(self.members)
+            self.members.append([])
+            self.poses.append(poses)
+            self.stamp.append(-1)
+        if depth > self.depth:
+            self.depth = depth
+            self.deepest = []
+        if depth == self.depth and self.stamp[k] != depth:
+            self.stamp[k] = depth
+            self.deepest.append(k)
+        satisfied = dets <= self.delta
+        if satisfied.all():
+            self.best = min(self.best, cost)
+        before = None if parent < 0 else self.nodes[parent].assigned
+        assigned = self._assign(poses, depth, satisfied, before)
+        self.members[k].append(len(self.nodes))
+        self.nodes.append(Node(parent, k, depth, cost, covariance, assigned))
+
+    def _assign(
+        self, poses: np.ndarray, time: int, satisfied: np.ndarray, before: np.ndarray | None
+    ) -> np.ndarray:
+        """Algorithm 2; all robots among all targets at the root."""
+        targets = len(satisfied)
+        unsatisfied = ~satisfied
+        if before is None:
+            assigned = np.zeros(len(poses), dtype=np.int64)
+            choosing = range(len(poses))
+            available = np.ones(targets, dtype=bool)
+        else:
+            assigned = before.copy()
+            if not unsatisfied.any():
+                return assigned
+            holders = np.bincount(assigned, minlength=targets)
+            choosing = np.flatnonzero(satisfied[assigned] | (holders[assigned] > 1))
+            available = unsatisfied & (holders == 0)
+        again = unsatisfied if unsatisfied.any() else np.ones(targets, dtype=bool)
+        if not available.any():
+            available = again.copy()
+        cells = self._cells(poses[:, :2])
+        fields = self._at(self.field_of, time)
+        for j in choosing:
+            if not available.any():
+                available = again.copy()
+            distance = np.where(available, self.distance[fields, cells[j]], np.inf)
+            nearest = int(distance.argmin())
+            if not available[nearest]:
+                nearest = int(available.argmax())
+            assigned[j] = nearest
+            available[nearest] = False
+        return assigned
