@@ -69,7 +69,7 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument(
         "scenario",
         metavar="SCENARIO",
-        help="a .toml or .yaml scenario, or a log: .g2o, .pyfg, a folder of them, an MR.CLAM folder",
+        help="a .toml or .yaml scenario, or a log: .g2o, .pyfg, a folder of these, MR.CLAM",
     )
     _add_common(run)
     plot = verbs.add_parser("plot", help="draw the figures of a run folder again")
