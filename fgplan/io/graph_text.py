@@ -52,7 +52,7 @@ def text_lines(path: Path) -> Iterator[tuple[str, list[str]]]:
         ScenarioError: If the file cannot be read as text.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # a byte order mark is no part of the tag
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read as text: {error}") from error
     for number, content in enumerate(text.splitlines(), start=1):

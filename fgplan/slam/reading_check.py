@@ -18,6 +18,10 @@ from fgplan.models.sensor import AbstractSensor, checked_jacobians
 from fgplan.slam.pose_key import is_pose_key
 from fgplan.typing import ArrayLike, Covariance, FloatArray, Key, Pose
 
+FARTHEST_BELOW_ZERO = 6.0
+"""Sigmas that a range may be below zero: so near a robot drawn noise can take it there, once in
+1e9 times farther. Logs write -1 where nothing came back."""
+
 UNIT_TOLERANCE = 1e-6
 """Largest deviation from one of the length of a measured direction in space."""
 
@@ -80,7 +84,8 @@ def check_measurement(
 
     Raises:
         InvalidInputError: If value or covariance have another shape than the sensor's, are not
-            finite, the noise is not positive definite, or the sensor does not measure such things.
+            finite, the noise is not positive definite, a range is below zero by more than noise, or
+            the sensor does not measure such things.
     """
     target = measurement.target
     what = describe_key(target) if isinstance(target, int) and target >= 0 else repr(target)
@@ -123,6 +128,13 @@ def check_measurement(
     # The usual noise, independent rows, at a tenth of the time.
     if not (plain and (diagonal > 0.0).all() and np.isfinite(diagonal).all()):
         check_covariance(covariance, f"covariance of {name}", rows)
+    if isinstance(sensor, RangeSensor | BearingRangeSensor):
+        sigma = float(np.sqrt(covariance[-1, -1]))
+        if value[-1] < -FARTHEST_BELOW_ZERO * sigma:
+            raise InvalidInputError(
+                f"{name}: expected a range of zero or more but for noise, got {value[-1]:g} m with "
+                f"sigma {sigma:g} m; leave out readings that stand for none"
+            )
 
 
 def landmark_key(key: object) -> Key:

@@ -84,6 +84,14 @@ def test_malformed_lines_are_named(tmp_path, line, words):
         read_tum(written(tmp_path, f"0 0 0 0 0 0 0 1\n{line}\n"))
 
 
+def test_a_file_of_windows_is_read(tmp_path):
+    path = tmp_path / "a.tum"
+    path.write_bytes(b"\xef\xbb\xbf# a trajectory\r\n1.5 1 2 3 0 0 0 1\r\n")
+    assert read_tum(path).times_s.tolist() == [1.5]
+    path.write_bytes(b"\xef\xbb\xbf1.5 1 2 3 0 0 0 1\r\n")
+    assert read_tum(path).times_s.tolist() == [1.5]
+
+
 def test_what_is_no_trajectory_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="expected poses, got none"):
         read_tum(written(tmp_path, "# nothing\n"))

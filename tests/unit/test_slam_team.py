@@ -573,6 +573,16 @@ def see(**fields):
         (see(target=pose_key(0, 3)), InvalidInputError, "xA3.*SLAM's poses"),
         (see(target=future_key(0, 1)), InvalidInputError, "begin with '~'"),
         (see(value=np.array([np.nan, 1.0])), InvalidInputError, "'both': expected finite"),
+        (
+            see(value=np.array([0.0, -1.0])),
+            InvalidInputError,
+            "a range of zero or more .* got -1 m",
+        ),
+        (
+            see(sensor="range", value=np.array([-0.7]), covariance=np.array([[0.01]])),
+            InvalidInputError,
+            "leave out readings that stand for none",
+        ),
         (see(value=np.zeros(3)), InvalidInputError, r"expected shape \(2\), got \(3,\)"),
         (see(covariance=np.eye(3)), InvalidInputError, "covariance of measurement"),
         (see(covariance=np.array([[1.0, 2.0], [2.0, 1.0]])), InvalidInputError, "positive"),
