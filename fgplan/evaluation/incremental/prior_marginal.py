@@ -112,7 +112,7 @@ def restrict(wide: PriorMarginal, keys: Sequence[Key]) -> PriorMarginal:
         return wide
     place = {key: index for index, key in enumerate(wide.keys)}
     kept = [place[key] for key in keys]
-    dropped = [index for index in range(len(wide.keys)) if index not in set(kept)]
+    dropped = sorted(set(range(len(wide.keys))) - set(kept))
     columns = np.concatenate(
         [np.arange(wide.dims[i]) + wide.offsets[i] for i in [*dropped, *kept]], dtype=np.int64
     )
