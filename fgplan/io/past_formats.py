@@ -13,8 +13,11 @@ from fgplan.io.team_past import TeamPast, read_g2o_past, read_pyfg_past
 
 
 def is_team_past(path: Path) -> bool:
-    """Whether a path is a log to read rather than a scenario: a folder, a .g2o or a .pyfg file."""
-    return path.is_dir() or path.suffix.lower() in (".g2o", ".pyfg")
+    """Whether a path is to be read as a log rather than as a scenario: a folder, or by its ending.
+
+    A .tum file is taken for a log too, so that ``read_team_past`` can say what it lacks.
+    """
+    return path.is_dir() or path.suffix.lower() in (".g2o", ".pyfg", ".tum")
 
 
 def is_log_file(path: Path) -> bool:
@@ -40,6 +43,11 @@ def read_team_past(path: Path | str) -> TeamPast:
     found = [name for name, (is_it, _) in READERS.items() if is_it(path)]
     if len(found) != 1:
         came = " and ".join(found) if found else "none of them"
+        if not found and _has("*.tum", ".tum")(path):
+            came = (
+                "TUM trajectories, which have neither measurements nor noise: write the poses and "
+                "their odometry with its noise as g2o (fgplan.write_g2o)"
+            )
         raise ScenarioError(
             f"{path}: expected a .g2o or .pyfg file, or a folder of one of {', '.join(READERS)}, "
             f"got {came}"

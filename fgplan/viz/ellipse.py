@@ -30,15 +30,19 @@ def world_position_covariances(poses: ArrayLike, covariances: ArrayLike) -> Floa
         Shape (n, 2, 2), square metres, world frame: the plane seen from above.
 
     Raises:
-        InvalidInputError: If the shapes do not fit.
+        InvalidInputError: If the shapes do not fit, or a number is not finite.
     """
-    where = np.asarray(poses, dtype=np.float64)
+    try:
+        where = np.asarray(poses, dtype=np.float64)
+        blocks = np.asarray(covariances, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"ellipses: expected numbers: {error}") from error
     planar = where.ndim == 2
     if where.shape[1:] not in ((3,), (4, 4)):
         raise InvalidInputError(
             f"ellipses: expected poses of shape (n, 3) or (n, 4, 4), got {where.shape}"
         )
-    blocks = np.asarray(covariances, dtype=np.float64)
+    where = check_finite(where, "poses of ellipses", where.shape)
     tangent, size = (3, 2) if planar else (6, 3)
     if blocks.shape == (len(where), tangent, tangent):
         span = position_slice(tangent)

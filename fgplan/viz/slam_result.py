@@ -72,13 +72,24 @@ def slam_result_figure(
         A matplotlib Figure.
 
     Raises:
-        InvalidInputError: If there is no trajectory, or shapes do not fit.
+        InvalidInputError: If there is no trajectory, one is empty or without covariances, shapes do
+            not fit, or sightings or goals are those of another robot.
         MissingExtraError: If matplotlib is not installed.
     """
     if not result.trajectories:
         raise InvalidInputError("figure: expected at least one trajectory, got none")
     check_positive(sigmas, "figure sigmas")
+    for robot, poses in result.trajectories.items():
+        if not len(poses) or robot not in result.covariances:
+            raise InvalidInputError(
+                f"figure: robot {robot!r}: expected at least one pose, and covariances"
+            )
     styles = robot_styles(tuple(dict.fromkeys((*team, *result.trajectories))))
+    for robot in (*(sightings or {}), *(goals or {})):
+        if robot not in styles:
+            raise InvalidInputError(
+                f"figure: robot {robot!r}: expected sightings and goals of {', '.join(styles)}"
+            )
     lines = {robot: pose_positions(poses) for robot, poses in result.trajectories.items()}
     true_lines = {
         robot: check_finite(given, f"true positions of robot {robot!r}", (None, 2))

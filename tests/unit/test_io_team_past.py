@@ -85,6 +85,11 @@ def test_formats_are_told_apart(tmp_path):
         read_team_past(tmp_path / "nothing.g2o")
     with pytest.raises(ScenarioError, match=r"a folder of one of g2o, pyfg.* got none of them"):
         read_team_past(tmp_path)
+    (tmp_path / "ann.tum").write_text("0 0 0 0 0 0 0 1\n")
+    assert is_team_past(tmp_path / "ann.tum")
+    for lacking in (tmp_path / "ann.tum", tmp_path):
+        with pytest.raises(ScenarioError, match=r"TUM trajectories, which have neither meas.* g2o"):
+            read_team_past(lacking)
     (tmp_path / "a.pyfg").write_text("VERTEX_XY L0 0 0\n")
     with pytest.raises(ScenarioError, match="expected poses of at least one robot, got none"):
         read_team_past(tmp_path / "a.pyfg")

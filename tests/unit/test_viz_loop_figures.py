@@ -7,6 +7,7 @@ import pytest
 from loop_histories import LANDMARK_KEYS, ROBOTS, make_history
 
 from fgplan.errors import InvalidInputError
+from fgplan.viz.ellipse import world_position_covariances
 from fgplan.viz.loop_figures import (
     draw_loop_figures,
     final_slam_figure,
@@ -332,6 +333,21 @@ def test_bad_input():
         slam_result_figure(HISTORY.final, truth={"red": np.zeros((2, 3))})
     with pytest.raises(InvalidInputError, match="sightings of robot 'red'"):
         slam_result_figure(HISTORY.final, truth={}, sightings={"red": np.zeros((2, 2))})
+    for fields in ({"sightings": {"zz": np.zeros((1, 2, 2))}}, {"goals": {"zz": [0.0, 0.0]}}):
+        with pytest.raises(
+            InvalidInputError, match="robot 'zz': expected sightings and goals of red"
+        ):
+            slam_result_figure(HISTORY.final, truth={}, **fields)
+    final = HISTORY.final
+    lost = {robot: poses * np.nan for robot, poses in final.trajectories.items()}
+    with pytest.raises(InvalidInputError, match="poses of ellipses: expected finite"):
+        slam_result_figure(replace(final, trajectories=lost), truth={})
+    none = {**final.trajectories, "red": np.zeros((0, 3))}
+    for changed in ({"trajectories": none}, {"covariances": {}}):
+        with pytest.raises(InvalidInputError, match="robot 'red': expected at least one pose, and"):
+            slam_result_figure(replace(final, **changed), truth={})
+    with pytest.raises(InvalidInputError, match="ellipses: expected numbers"):
+        world_position_covariances([["a", "b", "c"]], np.zeros((1, 3, 3)))
     for name in ("sigmas", "magnification"):
         with pytest.raises(InvalidInputError, match=f"figure {name}"):
             slam_result_figure(HISTORY.final, truth={}, **{name: 0.0})
