@@ -246,6 +246,7 @@ def test_measuring_another_robots_position_places_it(sensor, spatial):
     assert slam.graph().size() == 5
     belief = slam.belief()
     exact = belief.covariance(slam.key("c"))
+    # iSAM2 keeps where it linearised while an estimate moves by less than its threshold, 0.1.
     np.testing.assert_allclose(slam.covariance("c"), exact, atol=0.02 * np.abs(exact).max())
 
 
@@ -272,9 +273,9 @@ def test_prior_of_a_micrometre_keeps_its_digits():
     for robot in slam.robots:
         first = slam.keys(robot)[0]
         expected = 1e-12 * np.eye(3)
-        np.testing.assert_allclose(belief.covariance(first), expected, rtol=1e-4, atol=1e-17)
+        np.testing.assert_allclose(belief.covariance(first), expected, rtol=1e-7, atol=1e-19)
         start = next(one.pose for one in world.robots if one.name == robot)
-        np.testing.assert_allclose(slam.trajectory(robot)[0], start, atol=1e-7)
+        np.testing.assert_allclose(slam.trajectory(robot)[0], start, atol=1e-9)
 
 
 def test_targets_are_not_used():
@@ -490,7 +491,7 @@ def test_belief_of_a_robust_graph_is_that_of_its_weights():
     np.testing.assert_allclose(noise.sigmas(), np.array([0.01, 0.1]) / np.sqrt(second), rtol=1e-12)
     assert not isinstance(noise, gtsam.noiseModel.Robust)
     exact = slam.belief().covariance(slam.key("a"))
-    np.testing.assert_allclose(slam.covariance("a"), exact, rtol=0.05, atol=1e-9)
+    np.testing.assert_allclose(slam.covariance("a"), exact, rtol=1e-6, atol=1e-12)
 
 
 def test_robust_noise_takes_full_covariances_and_own_sensors():
@@ -636,7 +637,7 @@ def test_noise_that_differs_by_direction_in_space_keeps_its_meaning():
     by_point = BOTH.jacobians(np.eye(4), point)[1]
     expected = np.linalg.inv(by_point.T @ np.linalg.inv(covariance) @ by_point)
     np.testing.assert_allclose(
-        slam.belief().covariance(landmark(0)), expected, rtol=1e-3, atol=1e-8
+        slam.belief().covariance(landmark(0)), expected, rtol=1e-6, atol=1e-12
     )
 
 
