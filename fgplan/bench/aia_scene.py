@@ -34,6 +34,9 @@ BOXES = (
 )
 """Least and greatest corner of each box, metres: our map, not the paper's figure 3."""
 
+GRAZE_M = 1e-3
+"""By which each box is grown: else diagonals of the lattice graze corners and rounding decides."""
+
 DELTA = 1.8e-6
 SENSING_RANGE_M = 2.0
 PRIOR_VARIANCE = 0.2
@@ -45,10 +48,13 @@ STEP_M = 0.2
 
 def kantaros_world() -> Workspace:
     """The 10 m x 10 m world with seven boxes."""
+    g = GRAZE_M
     return Workspace(
         lower=np.zeros(2),
         upper=np.full(2, 10.0),
-        obstacles=[[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in BOXES],
+        obstacles=[
+            [(a - g, b - g), (c + g, b - g), (c + g, d + g), (a - g, d + g)] for a, b, c, d in BOXES
+        ],
     )
 
 

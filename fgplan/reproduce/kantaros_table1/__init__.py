@@ -1,0 +1,1 @@
+"""Table I of Kantaros et al. 2019."""
