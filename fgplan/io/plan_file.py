@@ -87,8 +87,8 @@ def planned_trajectories(plan: Plan, start_s: float = 0.0) -> tuple[PlannedTraje
 
     Args:
         plan: The plan.
-        start_s: When it begins, seconds: the stamp of every robot's first pose, at the earliest the
-            latest time at which one of them was measured.
+        start_s: When it begins, seconds: the stamp of every robot's first pose (after a past the
+            latest of their last stamps, ``plan_start_s``).
 
     Returns:
         One a robot, in the order of the team; a robot that stays has its current pose alone.
