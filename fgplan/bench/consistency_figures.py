@@ -59,14 +59,14 @@ def draw_plans(results: Mapping[str, Any], folder: Path) -> Path:
     """Scatter of planned against reported position covariance at arrival.
 
     Args:
-        results: Of ``judge_plans``.
+        results: Of ``judge_slam`` and ``judge_plans``.
         folder: Where to.
 
     Returns:
         The file.
     """
     arrivals = results["arrivals"]
-    styles = robot_styles(tuple(dict.fromkeys(each["robot"] for each in arrivals)))
+    styles = robot_styles(tuple(results["inside_by_robot"]))
     reported = np.array([each["reported"] for each in arrivals])
     titles = {"leg": "planned where the way began", "last": "planned last before the arrival"}
     figure = new_figure(height_px=560)
