@@ -175,7 +175,7 @@ def test_bookkeeping_of_groups_equals_brute_force():
 
 def test_room_is_made_without_changing_the_tree():
     problem = kantaros_scene(3, 4, np.random.default_rng(5), dynamics="differential-drive")
-    options = tree_options("reproduction", until="budget", iterations=6000)
+    options = tree_options("reproduction", until="budget", iterations=6000, expand="node")
     whole, parts = (make_growth(problem, options) for _ in range(2))
     generators = [np.random.default_rng(5) for _ in range(2)]
     for one in (whole, parts):

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from aia_scenes import lattice_problem, tiny_problem
+from aia_scenes import OPTIMA, lattice_problem, tiny_problem
 from scipy.stats import chisquare
 
 from fgplan.bench.aia_scene import kantaros_scene
@@ -168,20 +168,23 @@ def test_optimal_assignment_is_never_longer_and_serves_everybody():
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_the_tree_reaches_the_optimum_with_branch_and_bound(which):
-    costs = []
+    """The optima are those of exhaustive search, see test_baselines."""
     for seed in range(10):
         options = tree_options(
             "reproduction",
             bound=True,
-            dominance="any_time",
+            dominance="same_time",
             until="budget",
-            iterations=12_000,
-            node_budget=200_000,
+            iterations=20_000,
+            node_budget=400_000,
         )
-        found = search(tiny_problem(which), options, np.random.default_rng(seed))
-        assert found.plan is not None
-        costs.append(found.plan.cost)
-    assert max(costs) <= min(costs) * (1 + 1e-9), costs
+        growth = make_growth(tiny_problem(which), options)
+        growth.plant()
+        generator = np.random.default_rng(seed)
+        while growth.best_cost > OPTIMA[which] * (1 + 1e-9):
+            assert growth.iterations < 20_000, (seed, growth.best_cost)
+            assert growth.run(500, generator) == "iterations"
+        assert growth.best_cost == pytest.approx(OPTIMA[which], rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,11 @@ from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.extension_kernels import append_node
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
+from fgplan.planners.aia.grow_kernels import grow
 from fgplan.planners.aia.information_kernels import team_information
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.pose_kernels import enter_pose
 from fgplan.planners.aia.problem import AcquisitionProblem
-from fgplan.planners.aia.sampling_kernels import grow
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.planners.aia.tree import (
     bytes_per_node,

@@ -11,7 +11,7 @@ import numpy as np
 from fgplan.models.linear_observation import AbstractLinearObservation
 from fgplan.planners.aia.arrays import Prepared, unpacked
 from fgplan.planners.aia.assignment_kernels import assign_targets
-from fgplan.planners.aia.densities import Densities, TreeView
+from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.growth import Ended, Growth
 from fgplan.planners.aia.judgement import Judgement
 from fgplan.planners.aia.optimal_assignment import assign_optimally
@@ -29,11 +29,9 @@ from fgplan.planners.aia.tree_kernels import (
     BOUNDED,
     CLOSEST,
     COST,
-    DEEPEST,
     DEPTH,
     DOMINATED,
     GOALS,
-    GROUPS,
     ITERATIONS,
     NEED_NODES,
     NEED_POSES,
@@ -47,6 +45,7 @@ from fgplan.planners.aia.tree_kernels import (
     link_node,
     repeats,
 )
+from fgplan.planners.aia.tree_view import view_tree
 from fgplan.riccati.block_diagonal import riccati_map_blocks
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
@@ -141,7 +140,7 @@ class GuidedGrowth(Growth):
         """f_V: the user's own or (8)."""
         tree = self.tree
         if self.densities.groups is not None:
-            shares = self.densities.group_probabilities(self._view(-1))
+            shares = self.densities.group_probabilities(view_tree(self, -1))
             k = int(np.searchsorted(np.cumsum(shares), generator.random(), side="right"))
             return min(k, len(shares) - 1)
         return int(
@@ -180,7 +179,7 @@ class GuidedGrowth(Growth):
                 )
             )
         counts = [len(robot.primitives) for robot in self.problem.robots]
-        shares = self.densities.control_probabilities(self._view(k), counts)
+        shares = self.densities.control_probabilities(view_tree(self, k), counts)
         everywhere = True
         for j, share in enumerate(shares):
             number = generator.random()
@@ -234,8 +233,8 @@ class GuidedGrowth(Growth):
         t = int(tree.depth[node])
         left = tree.configuration[tree.group[node]].astype(np.int64)
         seen_from = rows if settings.at_child else left
-        information = self._information(seen_from, t + 1 if settings.at_child else t)
-        after = self._propagated(tree.covariance[node], information, t)
+        information = self.information(seen_from, t + 1 if settings.at_child else t)
+        after = self.propagated(tree.covariance[node], information, t)
         cost = float(tree.cost[node]) + self.judgement.term(after)
         if settings.bound and cost >= tree.best[COST]:
             counts[BOUNDED] += 1
@@ -294,8 +293,14 @@ class GuidedGrowth(Growth):
         )
         return assigned
 
-    def _propagated(self, row: FloatArray, information: FloatArray, t: int) -> FloatArray:
-        """Covariance row at t + 1."""
+    def propagated(self, row: FloatArray, information: FloatArray, t: int) -> FloatArray:
+        """Covariance row at t + 1.
+
+        Args:
+            row: At t, shape (width,).
+            information: Shape (width,).
+            t: When.
+        """
         packed, hidden = self.problem.packed, self.problem.hidden
         before, gained = unpacked(row, packed=packed), unpacked(information, packed=packed)
         if packed:
@@ -308,18 +313,24 @@ class GuidedGrowth(Growth):
             return after.ravel()
         return np.stack([after[:, 0, 0], after[:, 0, 1], after[:, 1, 1]], axis=1).ravel()
 
-    def _information(self, rows: IntArray, time: int) -> FloatArray:
-        """Information of a configuration at a time, shape (width,)."""
-        if self.prepared.compiled_sensors and self.problem.packed:
-            return super()._information(rows, time)
-        time = 0 if self.prepared.setting.sight.fixed else time
+    def information(self, rows: IntArray, time: int) -> FloatArray:
+        """Information of a configuration at a time.
+
+        Args:
+            rows: The configuration.
+            time: When.
+
+        Returns:
+            Shape (width,).
+        """
         total = np.zeros(len(self.prepared.root))
         for j, row in enumerate(rows):
-            key = (int(self.prepared.setting.kind[j]), int(row), time)
-            if key not in self._known:
-                self._known[key] = self._robot_information(j, self.poses.pose[row], time)
-            total += self._known[key]
+            total += self.information_of(j, int(row), time)
         return total
+
+    def _information(self, rows: IntArray, time: int) -> FloatArray:
+        """As ``information``: what the root's measurement asks for."""
+        return self.information(rows, time)
 
     def _robot_information(self, j: int, pose: FloatArray, time: int) -> FloatArray:
         """Information of one robot at a pose, from its sensors' whitened rows."""
@@ -342,6 +353,30 @@ class GuidedGrowth(Growth):
             [[dense[p, p][0, 0], dense[p, p][0, 1], dense[p, p][1, 1]] for p in self._parts]
         )
 
+    def information_of(self, robot: int, row: int, time: int) -> FloatArray:
+        """What one robot learns at a pose, remembered.
+
+        Args:
+            robot: Its place in the team.
+            row: The pose.
+            time: When.
+
+        Returns:
+            Shape (width,).
+        """
+        time = 0 if self.prepared.setting.sight.fixed else time
+        key = (int(self.prepared.setting.kind[robot]), int(row), time)
+        if key not in self._known:
+            if self.prepared.compiled_sensors and self.problem.packed:
+                self._make_room_for_poses()
+                while 1 < len(self.prepared.setting.sight.places) <= time:
+                    self._made_room(NEED_TIME)
+                known = super()._information(np.array([row], dtype=np.int64), time)
+            else:
+                known = self._robot_information(robot, self.poses.pose[row], time)
+            self._known[key] = known
+        return self._known[key]
+
     def _dominated(self, k: int, cost: float, depth: int, row: FloatArray) -> bool:
         """Whether a group holds a node that is as good in every respect."""
         tree = self.tree
@@ -355,24 +390,3 @@ class GuidedGrowth(Growth):
                     return True
             node = int(tree.next_in_group[node])
         return False
-
-    def _view(self, k: int) -> TreeView:
-        """What a user's own density may look at."""
-        tree, sight = self.tree, self.prepared.setting.sight
-        groups, deepest = int(tree.counts[GROUPS]), int(tree.counts[DEEPEST])
-        node = int(tree.tail[k]) if k >= 0 else 0
-        time = int(tree.depth[node])
-        rows = tree.configuration[k if k >= 0 else 0].astype(np.int64)
-        return TreeView(
-            iteration=self.iterations,
-            group_sizes=tree.size[:groups],
-            deepest=tree.deepest[:deepest],
-            depth=int(tree.counts[DEPTH]),
-            group=k,
-            time=time,
-            poses=self.poses.pose[rows],
-            assigned=tree.assigned[node].astype(np.int64),
-            covariances=unpacked(tree.covariance[node], packed=self.problem.packed),
-            places=sight.places[min(time + 1, len(sight.places) - 1)],
-            feasible=self.feasible,
-        )

@@ -1,4 +1,4 @@
-"""Compiled: the densities f_V (8) and f_U (9) of Kantaros et al. 2019, and the loop of Algorithm 1.
+"""Compiled: the densities f_V (8) and f_U (9) of Kantaros et al. 2019.
 
 f_V draws one of the groups with a node of greatest depth with probability p_V, else one of the
 others (where there are no others, one of the former). f_U is a product over robots: with u* the
@@ -18,10 +18,7 @@ from numba import njit
 
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import read_numbers, shortfall_of
-from fgplan.planners.aia.extension_kernels import extend_group
 from fgplan.planners.aia.pose_kernels import (
-    ENTRY_COUNT,
-    POSE_COUNT,
     Poses,
     enter_pose,
     find_cell,
@@ -31,19 +28,7 @@ from fgplan.planners.aia.pose_kernels import (
 from fgplan.planners.aia.tree_kernels import (
     DEEPEST,
     DEPTH,
-    DONE,
-    DRAWN,
-    FEASIBLE,
-    GOALS,
     GROUPS,
-    ITERATIONS,
-    NEED_NODES,
-    NEED_POSES,
-    NEED_TIME,
-    NODE_LIMIT,
-    NODES,
-    PENDING,
-    REJECTED,
     Scratch,
     Setting,
     Settings,
@@ -219,7 +204,7 @@ def _preferred_control(
 
 
 @njit(**UNCOUNTED)
-def _draw_remembered(
+def draw_remembered(
     begin: int,
     rows: IntArray,
     assigned: IntArray,
@@ -282,7 +267,7 @@ def draw_controls(
     remembered = poses.preferred.shape[0] > 0 and not uniform and not finished
     while j < robots:
         if remembered:
-            j = _draw_remembered(
+            j = draw_remembered(
                 j,
                 rows,
                 assigned,
@@ -333,105 +318,3 @@ def draw_controls(
     for j in range(robots):
         free = free and drawn[j] >= 0
     return free
-
-
-@njit(cache=True)
-def grow(
-    setting: Setting,
-    settings: Settings,
-    poses: Poses,
-    tree: Tree,
-    scratch: Scratch,
-    iterations: int,
-    rng: np.random.Generator,
-) -> int:
-    """Iterations of Algorithm 1, lines 2 to 17.
-
-    Where:
-        iterations: How many more at most.
-
-    Returns:
-        ``DONE``, ``FEASIBLE``, ``NODE_LIMIT``, or what more room is needed for: then call again,
-        nothing is lost.
-    """
-    most = setting.motions.relative.shape[1]
-    ends = np.empty((most, 3))
-    cells = np.zeros(most, np.int64)
-    found = np.empty(most, np.int64)
-    counts, used = tree.counts, poses.counts
-    stamp, deepest, size = tree.stamp, tree.deepest, tree.size
-    robots, targets = setting.kind.shape[0], setting.sight.places.shape[1]
-    new = robots * most if poses.successors.shape[0] > 0 else robots
-    room = poses.pose.shape[0] - new
-    room_for_entries = poses.target.shape[0] - 2 * robots * targets
-    times = setting.fields.of_target.shape[0]
-    capacity = tree.parent.shape[0]
-    goals = setting.fields.of_goal.max() >= 0
-    remembered = poses.preferred.shape[0] > 0
-    configuration, assigned, tail, drawn = tree.configuration, tree.assigned, tree.tail, tree.drawn
-    successors, preferred, kind = poses.successors, poses.preferred, poses.kind
-    controls = setting.motions.controls
-    last = counts[ITERATIONS] + iterations
-    while counts[ITERATIONS] < last:
-        if used[POSE_COUNT] > room or used[ENTRY_COUNT] > room_for_entries:
-            return NEED_POSES
-        if times > 1 and counts[DEPTH] + 3 > times:
-            return NEED_TIME
-        if counts[PENDING] == 0:
-            uniform = counts[ITERATIONS] >= settings.uniform_from or (
-                settings.uniform_after_goal and counts[GOALS] > 0
-            )
-            k = draw_group(counts, deepest, stamp, settings.p_group, uniform, rng)
-            finished = goals and is_finished(setting, tree, scratch, tree.tail[k])
-            begin = 0
-            if remembered and not uniform and not finished:
-                begin = _draw_remembered(
-                    0,
-                    configuration[k],
-                    assigned[tail[k]],
-                    successors,
-                    preferred,
-                    controls,
-                    kind,
-                    settings.p_control,
-                    settings.reject_jointly,
-                    drawn,
-                    rng,
-                )
-            free = True
-            if begin < robots:
-                free = draw_controls(
-                    setting,
-                    settings,
-                    poses,
-                    tree,
-                    k,
-                    uniform,
-                    finished,
-                    begin,
-                    ends,
-                    cells,
-                    found,
-                    rng,
-                )
-            else:
-                for j in range(robots):
-                    free = free and drawn[j] >= 0
-            if not free:
-                counts[REJECTED] += 1
-                counts[ITERATIONS] += 1
-                continue
-            counts[DRAWN] = k
-        k = counts[DRAWN]
-        more = 1 if settings.one_node else size[k]
-        if counts[NODES] + more > settings.node_limit:
-            return NODE_LIMIT
-        if counts[NODES] + more > capacity:
-            counts[PENDING] = 1
-            return NEED_NODES
-        counts[PENDING] = 0
-        counts[ITERATIONS] += 1
-        extend_group(setting, settings, poses, tree, scratch, k, rng)
-        if settings.stop_at_goal and counts[GOALS] > 0:
-            return FEASIBLE
-    return DONE

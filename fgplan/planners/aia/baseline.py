@@ -1,0 +1,157 @@
+"""What all planners that gather information have in common: a budget, a result, one interface."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+
+from fgplan.checks import check_positive
+from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.aia.mission_problem import (
+    PROBLEM_OPTIONS,
+    mission_plan,
+    mission_problem,
+    no_plan,
+    read_problem_options,
+)
+from fgplan.planners.aia.options import split_options
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.team_path import TeamPath
+from fgplan.planners.mission import Mission
+from fgplan.planners.plan import Plan
+from fgplan.planners.planner import Progress
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """When a baseline gives up.
+
+    Attributes:
+        steps: Longest horizon.
+        nodes: Most states kept or simulated.
+        seconds: Longest time.
+    """
+
+    steps: int = 400
+    nodes: int = 100_000
+    seconds: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("steps", "nodes"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise InvalidInputError(
+                    f"planner option {name}: expected a whole number of at least 1, got {value!r}"
+                )
+        check_positive(self.seconds, "planner option seconds")
+
+    def start(self) -> "Clock":
+        """Begin to count."""
+        return Clock(self, time.perf_counter())
+
+
+@dataclass(slots=True)
+class Clock:
+    """A budget that is being spent.
+
+    Attributes:
+        budget: The budget.
+        began: When.
+        nodes: States so far.
+    """
+
+    budget: Budget
+    began: float
+    nodes: int = 0
+
+    @property
+    def late(self) -> bool:
+        """Whether time or nodes are spent."""
+        over = time.perf_counter() - self.began >= self.budget.seconds
+        return over or self.nodes >= self.budget.nodes
+
+    def result(self, path: TeamPath | None, shortfall: float) -> "BaselineResult":
+        """Close the account.
+
+        Args:
+            path: What was found.
+            shortfall: Least shortfall reached.
+
+        Returns:
+            The result.
+        """
+        seconds = time.perf_counter() - self.began
+        return BaselineResult(plan=path, shortfall=shortfall, nodes=self.nodes, seconds=seconds)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BaselineResult:
+    """What a baseline found.
+
+    Attributes:
+        plan: The path; None if no feasible one was found within the budget.
+        shortfall: Worst target's number over its limit at the best state.
+        nodes: States kept or simulated.
+        seconds: Real seconds.
+    """
+
+    plan: TeamPath | None
+    shortfall: float
+    nodes: int
+    seconds: float
+
+
+Solve = Callable[[AcquisitionProblem, Budget, np.random.Generator], BaselineResult]
+"""A baseline as a function."""
+
+
+def plan_mission(
+    mission: Mission,
+    generator: np.random.Generator,
+    progress: Progress | None,
+    name: str,
+    solve: Solve,
+) -> Plan:
+    """Plan a mission by a baseline.
+
+    Args:
+        mission: Robots with sensors, and targets; options of ``Budget`` and ``ProblemOptions``.
+        generator: Source of every random number.
+        progress: Told that it has begun.
+        name: Name of the planner.
+        solve: The baseline.
+
+    Returns:
+        The plan.
+
+    Raises:
+        NoCandidatePathError: If no feasible plan was found within the budget.
+        OptionError: If an option is not known or not usable.
+    """
+    own, others = split_options(mission.options, PROBLEM_OPTIONS)
+    known = [option.name for option in fields(Budget)]
+    for option in others:
+        if option not in known:
+            names = ", ".join([*known, *PROBLEM_OPTIONS])
+            raise OptionError(f"option {option!r} of planner {name!r}: expected one of {names}")
+    try:
+        budget = Budget(**others)
+    except FgplanError as error:
+        raise OptionError(str(error)) from error
+    problem = mission_problem(mission, read_problem_options(own))
+    if progress is not None:
+        progress(0, 0, name)
+    found = solve(problem, budget, generator)
+    if found.plan is None:
+        raise no_plan(name, problem, found.shortfall, "the budget is spent")
+    return mission_plan(
+        mission,
+        problem,
+        found.plan,
+        planner=name,
+        report={"nodes": found.nodes},
+        seconds={"search": found.seconds},
+        options={**asdict(budget), **own},
+    )

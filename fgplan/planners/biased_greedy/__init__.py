@@ -1,0 +1,1 @@
+"""Greedy choice of controls by coordinate descent, with the biased density of aia."""

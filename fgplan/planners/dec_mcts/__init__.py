@@ -1,0 +1,1 @@
+"""Dec-MCTS on the same utility."""

@@ -1,0 +1,1 @@
+"""Feedforward value iteration: exhaustive, exact."""

@@ -1,0 +1,1 @@
+"""Greedy choice of controls, each robot for itself."""

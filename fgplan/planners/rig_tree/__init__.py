@@ -1,0 +1,1 @@
+"""RIG-tree with the objective and constraint of Kantaros et al. 2019."""
