@@ -60,7 +60,7 @@ def find_separators(
     return parent, start, found[:size].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def triangularise(work: FloatArray, tolerance: FloatArray) -> IntArray:
     """Reflect a dense matrix to upper triangular in place; row of each column's pivot, or -1.
 
@@ -103,23 +103,25 @@ def triangularise(work: FloatArray, tolerance: FloatArray) -> IntArray:
             alpha = -norm if work[best, column] > 0.0 else norm
             leading = work[best, column] - alpha
             gain = 1.0 - work[best, column] / alpha
-            for other in range(column + 1, width):
-                weights[other] = work[best, other]
+            weights[column + 1 :] = work[best, column + 1 :]
             while row >= 0:
                 if row != best:
-                    share = work[row, column] / leading
+                    values = work[row]
+                    share = values[column] / leading
                     for other in range(column + 1, width):
-                        weights[other] += share * work[row, other]
+                        weights[other] += share * values[other]
                 row = following[row]
+            values = work[best]
             for other in range(column + 1, width):
                 weights[other] *= gain
-                work[best, other] -= weights[other]
+                values[other] -= weights[other]
             row = head[column]
             while row >= 0:
                 if row != best:
-                    share = work[row, column] / leading
+                    values = work[row]
+                    share = values[column] / leading
                     for other in range(column + 1, width):
-                        work[row, other] -= share * weights[other]
+                        values[other] -= share * weights[other]
                 row = following[row]
             work[best, column] = alpha
         row = head[column]

@@ -288,12 +288,15 @@ def _case_results(
     case: HistoryCase, incremental: tuple[AbstractEvaluator, int], size: HistorySize
 ) -> dict[str, Any]:
     """What was measured on one past, milliseconds."""
-    prior, starts = case.problem.prior, case.problem.start_keys
+    prior = case.problem.prior
     milliseconds = {
         f"{name}_ms": 1e3 * float(np.median(seconds)) for name, seconds in case.seconds.items()
     }
     prepare_ms = 1e3 * float(np.median(case.preparations))
     state = case.states["incremental"]
+    touched = set(state.table.observations.landmarks())
+    for path in state.announced.values():
+        touched.update(seen.landmark for seen in path.observations)
     return {
         "past": case.past.kind,
         "poses": case.past.poses,
@@ -311,7 +314,7 @@ def _case_results(
         else None,
         "factors": case.past.graph.size(),
         "landmarks": sum(kind == "Point2" for kind in prior.kinds.values()),
-        "landmarks_touched": len(state.numbering.prior_keys) - len(starts),
+        "landmarks_touched": len(touched),
         "start_correlation": _start_correlation(case),
     }
 

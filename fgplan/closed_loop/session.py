@@ -120,8 +120,8 @@ def hold_session(
     Returns:
         Record, legs with chosen paths, and what is carried on.
     """
-    problem = planning_problem(mission, slam, belief, tuple(session.sets))
     candidates = observed(mission, session.sets, slam, belief, workspace)
+    problem = planning_problem(mission, slam, belief, candidates)
     # whoever has new candidates alone finds nothing of the old ones in them
     held = {robot: carried[robot] for robot in carried if robot in session.sets}
     held = {robot: item for robot, item in held.items() if session.sets[robot].kept}
@@ -160,7 +160,7 @@ def hold_session(
 
 
 def planning_problem(
-    mission: LoopMission, slam: TeamSlam, belief: Belief, active: tuple[str, ...]
+    mission: LoopMission, slam: TeamSlam, belief: Belief, candidates: Candidates
 ) -> PlanningProblem:
     """What every robot knows alike.
 
@@ -168,7 +168,7 @@ def planning_problem(
         mission: What is given.
         slam: For the keys of the current poses.
         belief: The SLAM graph.
-        active: Robots that have a goal left; the objective is theirs.
+        candidates: Of every robot; the objective is of those that have some.
 
     Returns:
         The problem.
@@ -179,9 +179,19 @@ def planning_problem(
     return PlanningProblem(
         prior=belief,
         start_keys={robot.name: slam.key(robot.name) for robot in mission.robots},
-        objective=mission.objective(active),
+        objective=mission.objective(tuple(robot for robot, paths in candidates.items() if paths)),
         multi_robot=mission.multi_robot,
         sensors=sensors,
+        expected_landmarks=tuple(
+            sorted(
+                {
+                    seen.landmark
+                    for paths in candidates.values()
+                    for path in paths
+                    for seen in path.observations
+                }
+            )
+        ),
     )
 
 

@@ -49,6 +49,9 @@ class PlanningProblem:
         multi_robot: Models of factors between robots; several may hold at once.
         sensors: Sensors of mapped landmarks by name.
         past_states: Past poses that may take part in multi-robot factors.
+        expected_landmarks: Landmarks that paths may observe; None expects any. It only says what is
+            worth keeping when the past is eliminated: a path that observes another landmark is
+            evaluated as exactly, after one more elimination.
     """
 
     prior: Belief
@@ -57,6 +60,7 @@ class PlanningProblem:
     multi_robot: tuple[MultiRobotModel, ...] = ()
     sensors: Mapping[str, AbstractSensor] = field(default_factory=dict)
     past_states: tuple[PastState, ...] = ()
+    expected_landmarks: tuple[Key, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check names and keys against each other."""
@@ -92,6 +96,10 @@ class PlanningProblem:
             seen.add(past.key)
             if past.state.robot not in self.start_keys:
                 raise UnknownNameError(f"past state: robot {past.state.robot!r} is not in the team")
+        if self.expected_landmarks is not None:
+            object.__setattr__(self, "expected_landmarks", tuple(self.expected_landmarks))
+            for landmark in self.expected_landmarks:
+                self.prior.dim(landmark)
         for term in self.objective.terms:
             self._check_term(term)
 

@@ -22,7 +22,7 @@ from fgplan.typing import FloatArray, IntArray, Key
 KEPT_SCALARS = 1500
 """Most scalars that the one elimination of the history leaves."""
 
-NEARLY_ALL, FEW_SCALARS = 2.0, 250
+NEARLY_ALL, FEW_SCALARS = 1.3, 100
 """Nothing is left out of a marginal that has at most so many times the scalars that are touched, or
 so few: the larger S costs less than one QR more at every announcement."""
 
@@ -54,13 +54,16 @@ def eliminate_history(problem: PlanningProblem, touched: Iterable[Key]) -> Prior
         touched: Keys that are needed in any case.
 
     Returns:
-        Current poses, keys of the objective and ``touched``; all landmarks and all past poses
-        that may be met as well, unless they are too many.
+        Current poses, keys of the objective and ``touched``; all landmarks that are expected and
+        all past poses that may be met as well, unless they are too many.
     """
     prior = problem.prior
     # the same order for every robot of a team: the belief then remembers one elimination for all
     wide = dict.fromkeys(needed_keys(problem, ()))
-    wide.update(dict.fromkeys(key for key in prior.keys if prior.kinds[key].startswith("Point")))
+    landmarks = problem.expected_landmarks
+    if landmarks is None:
+        landmarks = tuple(key for key in prior.keys if prior.kinds[key].startswith("Point"))
+    wide.update(dict.fromkeys(landmarks))
     wide.update(dict.fromkeys(past.key for past in problem.past_states))
     wide.update(dict.fromkeys(touched))
     keys = tuple(wide)
