@@ -33,8 +33,8 @@ for name in ("greedy_planner:GreedyPlanner", "impacted_paths", "exhaustive"):
     print(f"{name}: objective {plan.value:.4f} with candidates {chosen}")
 
 # Or register a short name once, for scenarios and find_planner alike.
-fgplan.register_planner("greedy", "greedy_planner:GreedyPlanner")
-print("registered:", type(fgplan.find_planner("greedy")).__name__)
+fgplan.register_planner("one_pass", "greedy_planner:GreedyPlanner")
+print("registered:", type(fgplan.find_planner("one_pass")).__name__)
 try:
     fgplan.find_planner("gredy")
 except fgplan.UnknownNameError as error:
