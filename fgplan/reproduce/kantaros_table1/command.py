@@ -126,7 +126,7 @@ def read_rows(text: str) -> list[tuple[int, int]]:
         if size not in known:
             names = ", ".join(f"{n}/{m}" for n, m in known)
             raise InvalidInputError(f"--rows: expected some of {names}, got {part!r}")
-        found.append(cast(tuple[int, int], size))
+        found.append((size[0], size[1]))
     return found
 
 

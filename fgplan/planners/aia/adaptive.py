@@ -1,0 +1,261 @@
+"""The closed loop: move, measure, filter, and plan again every few measurements.
+
+"Algorithm 1 can be coupled with a Model Predictive Control approach where the robots redesign their
+paths every few measurements" (section VI-A of Kantaros et al. 2019). The targets' estimate is an
+extended Kalman filter's, linearised about it; the truth is drawn from the prior and moves by the
+hidden state's own dynamics. Never planning again executes the offline plan with the same filter:
+what the loop is compared with. Once a plan is at its end, or none is feasible, the robots stay and
+go on measuring.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fgplan.checks import frozen
+from fgplan.errors import InvalidInputError
+from fgplan.models.measurement import Measurement
+from fgplan.models.pose import between
+from fgplan.models.sensor import AbstractSensor
+from fgplan.planners.aia.geodesic_fields import GeodesicFields
+from fgplan.planners.aia.options import TreeOptions
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.search import search
+from fgplan.riccati.gaussian import predict, update
+from fgplan.simulation.simulate import advance, start
+from fgplan.simulation.step import SimulationStep
+from fgplan.simulation.world import World, WorldRobot
+from fgplan.typing import Covariance, FloatArray
+
+_DIFFERENCE = 1e-5
+"""Step of the differences that give second derivatives, metres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackingRun:
+    """What a closed loop did.
+
+    Attributes:
+        poses: Shape (T + 1, N, 3), world frame.
+        truth: True targets, shape (T + 1, M, 2), metres.
+        estimates: Filtered targets, after measuring, same shape.
+        covariances: Of each, shape (T + 1, M, 2, 2), square metres.
+        plans: Number of times planned.
+        feasible: How many of these found a feasible plan.
+    """
+
+    poses: FloatArray
+    truth: FloatArray
+    estimates: FloatArray
+    covariances: FloatArray
+    plans: int
+    feasible: int
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for name in ("poses", "truth", "estimates", "covariances"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def errors_m(self) -> FloatArray:
+        """Distance of each estimate to the truth, shape (T + 1, M), metres."""
+        return np.asarray(np.linalg.norm(self.estimates - self.truth, axis=-1))
+
+    @property
+    def rms_m(self) -> FloatArray:
+        """Root mean square over targets, shape (T + 1,), metres."""
+        return np.asarray(np.sqrt((self.errors_m**2).mean(axis=1)))
+
+    @property
+    def consistency(self) -> float:
+        """Mean normalised squared error at the end; 2 for a filter that knows what it knows."""
+        offset = self.estimates[-1] - self.truth[-1]
+        weighed = np.linalg.solve(self.covariances[-1], offset[..., None])[..., 0]
+        return float((offset * weighed).sum(axis=1).mean())
+
+
+def track(
+    problem: AcquisitionProblem,
+    options: TreeOptions,
+    generator: np.random.Generator,
+    *,
+    steps: int,
+    replan_every: int | None,
+) -> TrackingRun:
+    """Run the closed loop.
+
+    Args:
+        problem: Independent targets in the plane and robots with sensors of points.
+        options: Of the planner.
+        generator: Source of every random number: the truth and the noise first, so that runs of
+            one seed differ in their plans alone.
+        steps: How long.
+        replan_every: Steps between plans; None plans once.
+
+    Returns:
+        What happened.
+
+    Raises:
+        InvalidInputError: If the problem is of another kind, or a number is not usable.
+    """
+    if not problem.packed:
+        raise InvalidInputError(
+            "closed loop: expected independent targets in the plane and sensors of points"
+        )
+    if steps < 1 or (replan_every is not None and replan_every < 1):
+        raise InvalidInputError(
+            f"closed loop: expected steps and replan_every of at least 1, got {steps} and "
+            f"{replan_every}"
+        )
+    world = _world(problem, generator)
+    planning = generator.spawn(1)[0]
+    first = start(world, generator)
+    tracker = _Tracker(problem)
+    state = first.state
+    history = [tracker.measured(first)]
+    planned: FloatArray = np.zeros((0, len(problem.robots), 3))
+    begun = plans = feasible = 0
+    fields = GeodesicFields(
+        problem.workspace, problem.robots[0].pose[:2], _cell_m(problem, options)
+    )
+    for step in range(steps):
+        due = step == 0 or (replan_every is not None and step % replan_every == 0)
+        if due:
+            now = tracker.problem(state.poses, fields)
+            found = search(now, options, planning, fields=fields)
+            plans += 1
+            if found.plan is not None:
+                feasible += 1
+                planned, begun = found.plan.poses, step
+        commands = {}
+        place = step - begun
+        if place + 1 < len(planned):
+            for j, robot in enumerate(problem.robots):
+                commands[robot.name] = between(planned[place, j], planned[place + 1, j])
+        state, reached = advance(world, state, commands)
+        tracker.predict(step)
+        history.append(tracker.measured(reached))
+    return TrackingRun(
+        poses=np.array([one[0] for one in history]),
+        truth=np.array([one[1] for one in history]),
+        estimates=np.array([one[2] for one in history]),
+        covariances=np.array([one[3] for one in history]),
+        plans=plans,
+        feasible=feasible,
+    )
+
+
+class _Tracker:
+    """The extended Kalman filter of all targets, one block each."""
+
+    def __init__(self, problem: AcquisitionProblem) -> None:
+        self._problem = problem
+        self._means = [np.array(mean) for mean in problem.mean.reshape(-1, 2)]
+        self._covariances: list[Covariance] = [np.array(prior) for prior in problem.priors]
+        self._sensors = _sensor_names(problem)
+
+    def predict(self, time: int) -> None:
+        """Predict all targets from a time to the next."""
+        for i, block in enumerate(self._problem.hidden.blocks):
+            self._means[i], self._covariances[i] = predict(
+                self._means[i], self._covariances[i], *block.at(time)
+            )
+
+    def measured(
+        self, step: SimulationStep
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Update by a step's measurements; poses, truth, estimates and covariances after it."""
+        for measurement in step.measurements:
+            self._update(measurement, step)
+        poses = np.array([step.poses[robot.name] for robot in self._problem.robots])
+        truth = np.asarray(step.state.hidden_state).reshape(-1, 2)
+        return poses, truth, np.array(self._means), np.array(self._covariances)
+
+    def problem(
+        self, poses: Mapping[str, FloatArray], fields: GeodesicFields
+    ) -> AcquisitionProblem:
+        """The problem as it is now: what is left to learn, from where the robots are."""
+        means = [self._in_free_space(mean, fields) for mean in self._means]
+        robots = tuple(
+            dataclasses.replace(robot, pose=np.array(poses[robot.name]))
+            for robot in self._problem.robots
+        )
+        return dataclasses.replace(
+            self._problem,
+            robots=robots,
+            mean=np.concatenate(means),
+            priors=tuple(self._covariances),
+        )
+
+    def _update(self, measurement: Measurement, step: SimulationStep) -> None:
+        """Update one target: an extended filter of second order.
+
+        A range bends within the spread of an estimate near by, and a filter of first order then
+        believes what is not so. The mean and spread of what the Hessians H_a of the measurement
+        add, tr(H_a P) / 2 and tr(H_a P H_b P) / 2, go into innovation and noise. The noise of the
+        sensor is what it reports with its reading.
+        """
+        sensor = self._sensors[measurement.sensor]
+        i = self._problem.hidden.targets.index(str(measurement.target))
+        pose, mean, spread = step.poses[measurement.robot], self._means[i], self._covariances[i]
+        _, rows = sensor.jacobians(pose, mean)
+        moved = [
+            sensor.jacobians(pose, mean + sign * _DIFFERENCE * unit)[1]
+            for unit in np.eye(2)
+            for sign in (1.0, -1.0)
+        ]
+        bends = np.stack([moved[0] - moved[1], moved[2] - moved[3]], axis=2) / (2.0 * _DIFFERENCE)
+        bent = bends @ spread
+        noise = measurement.covariance + 0.5 * np.einsum("aij,bji->ab", bent, bent)
+        expected = sensor.predict(pose, mean) + 0.5 * np.trace(bent, axis1=1, axis2=2)
+        innovation = sensor.difference(np.array(measurement.value), expected)
+        self._means[i], self._covariances[i] = update(mean, spread, rows, noise, innovation)
+
+    def _in_free_space(self, mean: FloatArray, fields: GeodesicFields) -> FloatArray:
+        """The estimate, or the nearest free centre of a cell where it is inside an obstacle."""
+        workspace = self._problem.workspace
+        if workspace.are_positions_valid(mean[None])[0]:
+            return mean
+        free = fields.cell_centers[workspace.are_positions_valid(fields.cell_centers)]
+        return np.array(free[int(np.argmin(((free - mean) ** 2).sum(axis=1)))])
+
+
+def _sensor_names(problem: AcquisitionProblem) -> dict[str, AbstractSensor]:
+    """Sensors by a name for each robot and place."""
+    return {
+        f"{robot.name} {place}": sensor
+        for robot in problem.robots
+        for place, sensor in enumerate(robot.sensors)
+        if isinstance(sensor, AbstractSensor)
+    }
+
+
+def _world(problem: AcquisitionProblem, generator: np.random.Generator) -> World:
+    """A world whose targets are drawn from the prior."""
+    truth = [
+        generator.multivariate_normal(mean, prior)
+        for mean, prior in zip(problem.mean.reshape(-1, 2), problem.priors, strict=True)
+    ]
+    robots = [
+        WorldRobot(
+            name=robot.name,
+            pose=robot.pose,
+            target_sensors=tuple(f"{robot.name} {place}" for place in range(len(robot.sensors))),
+        )
+        for robot in problem.robots
+    ]
+    return World(
+        robots=tuple(robots),
+        workspace=problem.workspace,
+        sensors=_sensor_names(problem),
+        hidden=problem.hidden,
+        hidden_state=np.concatenate(truth),
+    )
+
+
+def _cell_m(problem: AcquisitionProblem, options: TreeOptions) -> float:
+    """Side of the geodesic cells, as the planner would choose it."""
+    longest = max(np.abs(robot.primitives.relative[:, :2]).max() for robot in problem.robots)
+    return options.geodesic_cell_m or float(longest)
