@@ -165,6 +165,12 @@ class DenseReference:
         ends, free = self._successors(poses)
         fields = self._at(self.field_of, node.depth + 1)[node.assigned]
         distance = self.distance[fields[:, None], self._cells(ends[..., :2])]
+        if self.body:  # a thousandth counts where the heading would lead
+            reach = float(np.linalg.norm(self.waypoints, axis=-1).max())
+            heading = np.stack([np.cos(ends[..., 2]), np.sin(ends[..., 2])], axis=-1)
+            ahead = self.distance[fields[:, None], self._cells(ends[..., :2] + reach * heading)]
+            distance = distance.astype(np.float64)
+            distance = distance + 1e-3 * np.minimum(ahead, distance + 2.0 * reach)
         distance = np.where(free, distance, np.inf)
         best = distance.argmin(axis=1)
         robots = np.arange(len(poses))

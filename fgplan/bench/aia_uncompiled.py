@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from fgplan.bench.aia_scene import kantaros_scene
-from fgplan.planners.aia.growth import Growth, make_growth
+from fgplan.planners.aia.growth import Growth
+from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.options import tree_options
 
 _NODES = 1000

@@ -13,7 +13,8 @@ from fgplan.models.proportional_range import ProportionalRangeSensor
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
 from fgplan.planners.aia.arrays import obstacle_arrays, prepare
 from fgplan.planners.aia.densities import Densities
-from fgplan.planners.aia.growth import Growth, make_growth
+from fgplan.planners.aia.growth import Growth
+from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.guided_growth import GuidedGrowth
 from fgplan.planners.aia.obstacle_kernels import in_sight, motion_free
 from fgplan.planners.aia.options import tree_options

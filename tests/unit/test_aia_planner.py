@@ -15,7 +15,7 @@ from fgplan.models.range_bearing import BearingSensor
 from fgplan.models.uncertainty import UNCERTAINTY_FUNCTIONS, UncertaintyFunction
 from fgplan.planners.aia.assignment_kernels import assign_targets
 from fgplan.planners.aia.densities import Densities
-from fgplan.planners.aia.growth import make_growth
+from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.optimal_assignment import assign_optimally
 from fgplan.planners.aia.options import tree_options
 from fgplan.planners.aia.problem import TerminalConstraint, TerminalGoal

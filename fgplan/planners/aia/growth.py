@@ -8,11 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from fgplan.planners.aia.arrays import Prepared, further, prepare, settings_of, unpacked
+from fgplan.planners.aia.arrays import Prepared, further, settings_of, unpacked
 from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
-from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.extension_kernels import append_node
-from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.grow_kernels import grow
 from fgplan.planners.aia.information_kernels import team_information
 from fgplan.planners.aia.options import TreeOptions
@@ -239,29 +237,3 @@ class Growth:
         else:
             return False
         return True
-
-
-def make_growth(
-    problem: AcquisitionProblem,
-    options: TreeOptions,
-    densities: Densities | None = None,
-    fields: GeodesicFields | None = None,
-) -> Growth:
-    """The growth that a problem needs: all compiled where the kernels know every part.
-
-    Args:
-        problem: What is planned for.
-        options: How.
-        densities: A user's own f_V and f_U.
-        fields: Geodesic distances to be used again.
-
-    Returns:
-        A growth, not planted yet.
-    """
-    prepared = prepare(problem, options, fields)
-    known = prepared.compiled_sensors and prepared.compiled_terminal and prepared.compiled_objective
-    if known and densities is None and options.assignment != "optimal" and problem.packed:
-        return Growth(problem, options, prepared)
-    from fgplan.planners.aia.guided_growth import GuidedGrowth
-
-    return GuidedGrowth(problem, options, prepared, densities or Densities())

@@ -1,8 +1,8 @@
 """A mission as an acquisition problem, and a team's path as a plan.
 
 For every planner that gathers information: one is swapped for another by its name in the scenario.
-Poses are taken as known: the covariances of the robots in the plan are those of one motion step
-each, and what the plan is about, the targets' covariances, is in ``details``.
+Poses are taken as known: their covariances in the plan are a square micrometre. What the plan is
+about, the targets' covariances, is in ``details``.
 """
 
 from collections.abc import Mapping
@@ -232,7 +232,7 @@ def mission_plan(
                 robot=robot.name,
                 start=robot.pose,
                 path=own,
-                covariances=np.zeros((0, 0, 0)),
+                covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(poses), 1, 1)),
                 goals=by_name[robot.name].goals,
                 candidates=len(robot.primitives),
             )

@@ -127,12 +127,12 @@ PRESETS: dict[str, dict[str, Any]] = {
 """What each preset changes of the defaults."""
 
 
-def tree_options(preset: str = "paper", **changes: Any) -> TreeOptions:  # noqa: ANN401
+def tree_options(preset: str = "paper", **kwargs: Any) -> TreeOptions:  # noqa: ANN401
     """Options of a preset, some changed.
 
     Args:
         preset: ``paper``, ``reproduction`` or ``pruned``.
-        **changes: Options by name.
+        **kwargs: Options by name.
 
     Returns:
         The options.
@@ -145,13 +145,13 @@ def tree_options(preset: str = "paper", **changes: Any) -> TreeOptions:  # noqa:
             f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
         )
     known = [option.name for option in fields(TreeOptions)]
-    for name in changes:
+    for name in kwargs:
         if name not in known:
             raise OptionError(
                 f"option {name!r} of planner 'aia': expected one of {', '.join(known)}"
             )
     try:
-        return replace(TreeOptions(**PRESETS[preset]), **changes)
+        return replace(TreeOptions(**PRESETS[preset]), **kwargs)
     except FgplanError as error:
         raise OptionError(str(error)) from error
 

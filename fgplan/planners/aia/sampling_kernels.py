@@ -36,6 +36,9 @@ from fgplan.planners.aia.tree_kernels import (
 )
 from fgplan.typing import FloatArray, IntArray
 
+AHEAD = 1e-3
+"""Weight of the distance that a heading leads to: it decides between equal ends."""
+
 
 @njit(**UNCOUNTED)
 def draw_group(
@@ -67,6 +70,38 @@ def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, contro
     for u in range(controls):
         if found[u] != -1 and distances[cells[u]] < nearest:
             nearest = distances[cells[u]]
+            best = u
+    return best
+
+
+@njit(**UNCOUNTED)
+def _nearest_heading(
+    distances: FloatArray,
+    frame: FloatArray,
+    reach_m: float,
+    ends: FloatArray,
+    cells: IntArray,
+    found: IntArray,
+    controls: int,
+) -> int:
+    """As ``_nearest_end``; a thousandth counts where the heading would lead.
+
+    A robot that turns on the spot ends at one distance whichever way it turns, and would stay.
+    """
+    best = -1
+    nearest = np.inf
+    for u in range(controls):
+        if found[u] == -1:
+            continue
+        ahead = find_cell(
+            frame,
+            ends[u, 0] + reach_m * np.cos(ends[u, 2]),
+            ends[u, 1] + reach_m * np.sin(ends[u, 2]),
+        )
+        here = distances[cells[u]]
+        score = here + AHEAD * min(distances[ahead], here + 2.0 * reach_m)
+        if score < nearest:
+            nearest = score
             best = u
     return best
 
@@ -188,12 +223,24 @@ def _preferred_control(
 ) -> int:
     """u* of equation (9), or -1 where controls are drawn uniformly."""
     fields = setting.fields
-    if to_goal:
-        return _nearest_end(fields.distance_m[fields.of_goal[j]], cells, found, controls)
     field = fields.of_target[min(t, fields.of_target.shape[0] - 1), target]
-    best = _nearest_end(fields.distance_m[field], cells, found, controls)
-    if best < 0:
-        return -1
+    if to_goal:
+        field = fields.of_goal[j]
+    kind = setting.kind[j]
+    if setting.motions.body[kind]:
+        best = _nearest_heading(
+            fields.distance_m[field],
+            fields.frame,
+            setting.motions.reach_m[kind],
+            ends,
+            cells,
+            found,
+            controls,
+        )
+    else:
+        best = _nearest_end(fields.distance_m[field], cells, found, controls)
+    if best < 0 or to_goal:
+        return best
     place = setting.sight.places[min(t, setting.sight.places.shape[0] - 1), target]
     dx, dy = ends[best, 0] - place[0], ends[best, 1] - place[1]
     if dx * dx + dy * dy > setting.near_m[j] * setting.near_m[j]:

@@ -14,7 +14,8 @@ import numpy as np
 
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
-from fgplan.planners.aia.growth import Growth, make_growth
+from fgplan.planners.aia.growth import Growth
+from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.lower_bound import unreachable_reason
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.problem import AcquisitionProblem

@@ -57,8 +57,8 @@ def iterate_values(
                     break  # the cost is the same for all controls
                 if _keep(groups, after, packed=problem.packed, dominance=dominance):
                     clock.nodes += 1
-            if clock.late:
-                return clock.result(None, shortfall)
+                if clock.late:
+                    return clock.result(None, shortfall)
         layer = []
         for states, _ in groups.values():
             for after in states:
