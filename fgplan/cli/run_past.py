@@ -84,7 +84,8 @@ def copy_log_run(run: LogRun, folder: Path) -> None:
             (Path(made) / COPIED).mkdir()
             for file in past.files:
                 # A folder is read by its *.g2o files, whatever case a single file's ending has.
-                name = f"{file.stem}.g2o" if past.format == "g2o" else file.name
+                by_ending = past.format in ("g2o", "tum")
+                name = f"{file.stem}.{past.format}" if by_ending else file.name
                 shutil.copyfile(file, Path(made) / COPIED / name)
             for earlier in in_the_way:
                 earlier.unlink()

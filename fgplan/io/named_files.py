@@ -12,7 +12,8 @@ from typing import Any
 import msgspec
 
 from fgplan.io.mrclam_past import mrclam_files
-from fgplan.io.scenario import G2oPrior, Scenario
+from fgplan.io.scenario import G2oPrior, Scenario, TumPrior
+from fgplan.io.tum_past import tum_files
 from fgplan.io.user_object import is_object_name
 from roadmaps.map_yaml import parse_map_yaml
 
@@ -38,7 +39,8 @@ def named_files(scenario: Scenario, path: Path) -> tuple[Path, ...]:
         found |= _log_files(folder, scenario.prior.files)
     named_folder = getattr(scenario.prior, "folder", "")
     if _is_below(named_folder) and (folder / named_folder).is_dir():
-        found |= {file.relative_to(folder) for file in mrclam_files(folder / named_folder)}
+        files_of = tum_files if isinstance(scenario.prior, TumPrior) else mrclam_files
+        found |= {file.relative_to(folder) for file in files_of(folder / named_folder)}
     named = scenario.world.map
     if named is not None and named.endswith((".yaml", ".yml")) and Path(named) in found:
         fields = parse_map_yaml((folder / named).read_text(encoding="utf-8"), folder / named)

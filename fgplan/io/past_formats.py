@@ -1,7 +1,8 @@
 """Which formats a team's past may have, and what reads each: one line a format.
 
 A new format is a function that recognises a path, one that reads it into a ``TeamPast``, and a line
-in ``READERS``; a scenario that names it needs a kind of ``[prior]`` too.
+in ``READERS``; a scenario that names it needs a kind of ``[prior]`` too. Trajectories beside a
+graph or a log are taken for its results and not read.
 """
 
 from collections.abc import Callable
@@ -10,19 +11,17 @@ from pathlib import Path
 from fgplan.errors import ScenarioError
 from fgplan.io.mrclam_past import is_mrclam, read_mrclam_past
 from fgplan.io.team_past import TeamPast, read_g2o_past, read_pyfg_past
+from fgplan.io.tum_past import read_tum_past
 
 
 def is_team_past(path: Path) -> bool:
-    """Whether a path is to be read as a log rather than as a scenario: a folder, or by its ending.
-
-    A .tum file is taken for a log too, so that ``read_team_past`` can say what it lacks.
-    """
+    """Whether a path is to be read as a log rather than a scenario: a folder, or by its ending."""
     return path.is_dir() or path.suffix.lower() in (".g2o", ".pyfg", ".tum")
 
 
 def is_log_file(path: Path) -> bool:
     """Whether a file is one that some format reads, by its ending."""
-    return path.is_file() and path.suffix.lower() in (".g2o", ".pyfg", ".dat")
+    return path.is_file() and path.suffix.lower() in (".g2o", ".pyfg", ".tum", ".dat")
 
 
 def read_team_past(path: Path | str) -> TeamPast:
@@ -40,17 +39,13 @@ def read_team_past(path: Path | str) -> TeamPast:
     path = Path(path)
     if not path.exists():
         raise ScenarioError(f"{path}: expected a file or folder, found none")
-    found = [name for name, (is_it, _) in READERS.items() if is_it(path)]
+    every = [name for name, (is_it, _) in READERS.items() if is_it(path)]
+    found = [name for name in every if name != "tum"] or every
     if len(found) != 1:
         came = " and ".join(found) if found else "none of them"
-        if not found and _has("*.tum", ".tum")(path):
-            came = (
-                "TUM trajectories, which have neither measurements nor noise: write the poses and "
-                "their odometry with its noise as g2o (fgplan.write_g2o)"
-            )
         raise ScenarioError(
-            f"{path}: expected a .g2o or .pyfg file, or a folder of one of {', '.join(READERS)}, "
-            f"got {came}"
+            f"{path}: expected a .g2o, .pyfg or .tum file, or a folder of one of "
+            f"{', '.join(READERS)}, got {came}"
         )
     return READERS[found[0]][1](path)
 
@@ -70,5 +65,6 @@ READERS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], TeamPast]]] = 
     "g2o": (_has("*.g2o", ".g2o"), read_g2o_past),
     "pyfg": (_has("*.pyfg", ".pyfg"), read_pyfg_past),
     "mrclam": (is_mrclam, read_mrclam_past),
+    "tum": (_has("*.tum", ".tum"), read_tum_past),
 }
 """By format: what recognises a path, and what reads it."""

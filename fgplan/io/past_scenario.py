@@ -121,8 +121,8 @@ def _prior(estimate: PastEstimate) -> dict[str, Any]:
     past = estimate.past
     if past.format == "pyfg":
         return {"kind": "pyfg", "file": f"past/{past.files[0].name}", "estimate": True}
-    if past.format == "mrclam":
-        return {"kind": "mrclam", "folder": "past"}
+    if past.format in ("mrclam", "tum"):
+        return {"kind": past.format, "folder": "past"}
     return {
         "kind": "g2o",
         "files": ["past"],

@@ -29,10 +29,12 @@ from fgplan.io.scenario import (
     PyfgPrior,
     PythonPrior,
     Scenario,
+    TumPrior,
 )
 from fgplan.io.scenario_file import landmark_name
 from fgplan.io.sensor_table import make_covariance
 from fgplan.io.team_past import TeamPast, is_pose, read_g2o_past, read_pyfg_past
+from fgplan.io.tum_past import read_tum_past
 from fgplan.io.user_object import load_object
 from fgplan.paths.state import State
 from fgplan.typing import Key
@@ -92,7 +94,11 @@ def make_prior(scenario: Scenario, place: Place, estimate: PastEstimate | None =
         ordered = {robot.name: start_keys[robot.name] for robot in scenario.robots}
         if isinstance(table, G2oPrior) and table.past_step_s is not None:
             past = _past_states(belief, ordered, table.past_step_s)
-        elif isinstance(table, PyfgPrior | MrclamPrior) and table.past and estimate is not None:
+        elif (
+            isinstance(table, PyfgPrior | MrclamPrior | TumPrior)
+            and table.past
+            and estimate is not None
+        ):
             past = _timed_past_states(belief, estimate.past)
     return Prior(
         belief=belief,
@@ -129,10 +135,11 @@ def _from_starts(
 
 def _from_log(table: LogPrior, place: Place) -> PastEstimate:
     """The team's past, estimated or as the files have it, held where they or the scenario say."""
-    if isinstance(table, MrclamPrior):
+    if isinstance(table, MrclamPrior | TumPrior):
         where = place.at("folder")
+        read = read_mrclam_past if isinstance(table, MrclamPrior) else read_tum_past
         with where.checking():
-            return estimate_past(read_mrclam_past(_path_of(where, table.folder)))
+            return estimate_past(read(_path_of(where, table.folder)))
     current = {
         robot: read_key(name, place.at(f"start_keys.{robot}"))
         for robot, name in table.start_keys.items()

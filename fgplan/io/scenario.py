@@ -272,7 +272,19 @@ class MrclamPrior(Table, frozen=True, tag_field="kind", tag="mrclam"):
     past: bool = False
 
 
-LogPrior = G2oPrior | PyfgPrior | MrclamPrior
+class TumPrior(Table, frozen=True, tag_field="kind", tag="tum"):
+    """``[prior] kind = "tum"``: the team's past as TUM trajectories, with an assumed noise.
+
+    Attributes:
+        folder: Folder of files ROBOT.tum, or one such file, relative to the scenario file.
+        past: Whether past poses, at their times, may take part in multi-robot factors.
+    """
+
+    folder: Name
+    past: bool = False
+
+
+LogPrior = G2oPrior | PyfgPrior | MrclamPrior | TumPrior
 
 
 class PythonPrior(Table, frozen=True, tag_field="kind", tag="python"):

@@ -3,6 +3,7 @@
     folder of *.g2o, or a .g2o file     one robot a file, or one graph of all
     .pyfg file                          PyFactorGraph, with times
     folder with Robot1_Odometry.dat     UTIAS MR.CLAM, see fgplan/io/mrclam_past.py
+    folder of *.tum, or a .tum file     trajectories, one robot a file, see fgplan/io/tum_past.py
 
 Robots are told apart by the first letter of their poses' keys (GTSAM Symbols; of LabeledSymbols
 both letters), and where keys are plain numbers by the file that defines the pose. A robot's poses
