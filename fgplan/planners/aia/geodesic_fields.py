@@ -99,7 +99,7 @@ class GeodesicFields:
         Returns:
             Shape (n,).
         """
-        cells = [self._source_cell(place) for place in np.asarray(places, dtype=np.float64)]
+        cells = self._source_cells(np.asarray(places, dtype=np.float64))
         fresh = [cell for cell in dict.fromkeys(cells) if cell not in self._row_of_cell]
         parts = [self.distance_m]
         for begin in range(0, len(fresh), _CELLS_A_CALL):
@@ -112,13 +112,13 @@ class GeodesicFields:
             self.distance_m = np.concatenate(parts)
         return np.array([self._row_of_cell[cell] for cell in cells], dtype=np.int64)
 
-    def _source_cell(self, place: FloatArray) -> int:
-        """Cell of a source: its own, or the nearest whose centre is free."""
+    def _source_cells(self, places: FloatArray) -> list[int]:
+        """Cell of each source: its own, or the nearest whose centre is free."""
         x0, y0, side, columns, rows = self.frame
-        column = int(np.clip(np.floor((place[0] - x0) / side), 0, columns - 1))
-        row = int(np.clip(np.floor((place[1] - y0) / side), 0, rows - 1))
-        cell = row * int(columns) + column
-        if self._grid.free[row, column]:
-            return cell
-        square = ((self.cell_centers[self._free] - place) ** 2).sum(axis=1)
-        return int(self._free[int(np.argmin(square))])
+        corner, most = np.array([x0, y0]), np.array([columns - 1, rows - 1])
+        found = np.clip(np.floor((places - corner) / side), 0, most).astype(np.int64)
+        cells = found[:, 1] * int(columns) + found[:, 0]
+        for index in np.flatnonzero(~self._grid.free.ravel()[cells]):
+            square = ((self.cell_centers[self._free] - places[index]) ** 2).sum(axis=1)
+            cells[index] = self._free[int(np.argmin(square))]
+        return [int(cell) for cell in cells]
