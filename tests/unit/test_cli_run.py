@@ -116,7 +116,7 @@ def test_robot_without_a_path_may_stay(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('name = "impacted_paths"', 'name = "greedy"', ["planner 'greedy'", "$.planner.name"]),
+        ('name = "impacted_paths"', 'name = "nobody"', ["planner 'nobody'", "$.planner.name"]),
         ('name = "impacted_paths"', 'name = "absent:P"', ["absent.py", "$.planner.name"]),
         ("candidates = 10", "candidate = 10", ["option 'candidate'", "impacted_paths"]),
         ("candidates = 10", "candidates = 0", ["candidates", "at least 1"]),
