@@ -49,6 +49,9 @@ BENCHES: dict[str, RegisteredCommand] = {
         "fgplan.bench.consistency:run",
         "closed loops over many seeds: estimates against truth, plans against SLAM",
     ),
+    "aia": RegisteredCommand(
+        "fgplan.bench.aia:run", "the sampling tree of planner aia against a dense reference"
+    ),
 }
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {
@@ -59,6 +62,17 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
     "regev-scenarios": RegisteredCommand(
         "fgplan.reproduce.regev_scenarios.command:run",
         "scenarios 1, 2 and 3 of Regev and Indelman 2017, and figures 8 to 19",
+    ),
+    "kantaros-table1": RegisteredCommand(
+        "fgplan.reproduce.kantaros_table1.command:run", "Table I of Kantaros et al. 2019"
+    ),
+    "kantaros-large": RegisteredCommand(
+        "fgplan.reproduce.kantaros_large.command:run",
+        "7 robots and 20 targets in 500 x 1000 m, as in Kantaros et al. 2019",
+    ),
+    "kantaros-comparison": RegisteredCommand(
+        "fgplan.reproduce.kantaros_comparison.command:run",
+        "planner aia beside greedy, FVI, RIG-tree and Dec-MCTS, as in Kantaros et al. 2019",
     ),
 }
 
