@@ -1,7 +1,9 @@
 """Room for a tree and for the poses that it reaches, and more of it when it is full.
 
 24 M bytes of covariance and 3 N of configuration and assignment a node (5 N where poses do not
-recur), and about 60 for links, cost and the hash table: what ``bytes_per_node`` counts.
+recur), and about 60 for links, cost and the hash table: what ``bytes_per_node`` counts. A first
+plan is small; a tree that outgrows its first room gets 256 MiB at once, which the system hands out
+as rows are written: doubling from there on copied and faulted for half of the time (measured).
 """
 
 import numpy as np
@@ -15,6 +17,7 @@ from fgplan.planners.aia.tree_kernels import GROUPS, NODES, Scratch, Tree
 
 _FIRST_NODES = 4096
 _FIRST_POSES = 2048
+_SECOND_BYTES = 2**28
 _SMALL_ROWS = 65_535
 _BY_NODE = (
     "parent",
@@ -135,7 +138,7 @@ def make_tree(prepared: Prepared, poses: Poses, node_budget: int) -> Tree:
 
 
 def more_nodes(tree: Tree, node_budget: int) -> Tree:
-    """The same tree with twice the room, within the budget.
+    """The same tree with at least twice the room, within the budget.
 
     Args:
         tree: The tree.
@@ -145,7 +148,8 @@ def more_nodes(tree: Tree, node_budget: int) -> Tree:
         A copy.
     """
     nodes, groups = tree.counts[NODES], tree.counts[GROUPS]
-    size = min(2 * len(tree.parent), node_budget)
+    many = int(_SECOND_BYTES / bytes_per_node(tree))
+    size = min(max(2 * len(tree.parent), many), node_budget)
     parts = {name: _grown(getattr(tree, name), size, nodes) for name in _BY_NODE}
     parts |= {name: _grown(getattr(tree, name), size, groups) for name in _BY_GROUP}
     grown = tree._replace(slots=np.full(_slots(size), -1, dtype=np.int32), **parts)
