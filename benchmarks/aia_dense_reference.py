@@ -2,9 +2,10 @@
 
 The opponent of ``fgplan bench aia``, written from the paper and sharing no numerical code with the
 planner: node objects, a dictionary of groups, stacked whitened rows, a dense 2M x 2M Kalman filter,
-determinants of all targets in one call, Algorithm 2 over numpy arrays. It is given the geodesic
-fields and a test of sight, and remembers successors and visibility by pose, so that what is
-compared is the tree and the filter. It draws the same random numbers as the planner.
+determinants of all targets in one call, Algorithm 2 over numpy arrays. Shared with the planner are
+the geodesic fields and visibility, remembered by pair of places; the rest is computed whenever
+Algorithm 1 asks for it: the ends of all controls of all robots, and whether their ways are free, in
+one vectorised test. It draws the same random numbers as the planner.
 """
 
 from collections.abc import Callable
@@ -32,8 +33,8 @@ class DenseReference:
 
     ``relative`` (U, 3) and ``body`` say the controls, ``distance`` (F, cells) and ``frame`` the
     geodesic fields, ``field_of`` (T, M) which one is a target's at a time, ``places`` (T, M, 2) the
-    predicted targets (one row if they stay), ``process`` (M, 2, 2); ``is_free(a, b)`` and
-    ``is_seen(a, b)`` test one way each.
+    predicted targets (one row if they stay), ``process`` (M, 2, 2); ``are_free(a, b)`` tests ways
+    between rows of points, ``is_seen(a, b)`` one line of sight.
     """
 
     starts: np.ndarray
@@ -47,7 +48,7 @@ class DenseReference:
     distance: np.ndarray
     frame: np.ndarray
     field_of: np.ndarray
-    is_free: Callable[[np.ndarray, np.ndarray], bool]
+    are_free: Callable[[np.ndarray, np.ndarray], np.ndarray]
     is_seen: Callable[[np.ndarray, np.ndarray], bool]
     range_m: float = 2.0
     slope: float = 0.25
@@ -65,7 +66,6 @@ class DenseReference:
             self.process_covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.process[i]
         self.transition = np.eye(2 * targets)
         self.block = np.arange(targets)
-        self.free_of: dict = {}
         self.seen_of: dict = {}
         self.nodes: list[Node] = []
         self.groups: dict = {}
@@ -139,24 +139,12 @@ class DenseReference:
         ends[..., 2] = poses[:, None, 2] + self.relative[:, 2]
         ends[..., 2] -= 2 * np.pi * (ends[..., 2] > np.pi)
         ends[..., 2] += 2 * np.pi * (ends[..., 2] <= -np.pi)
-        free = np.empty(ends.shape[:2], dtype=bool)
-        for j, pose in enumerate(poses):
-            key = tuple(np.rint(pose * 1e6).tolist())
-            known = self.free_of.get(key)
-            if known is None:
-                ways = pose[:2] + self.waypoints @ turn[j].T
-                known = np.array([self._is_free_way(pose[:2], way) for way in ways])
-                self.free_of[key] = known
-            free[j] = known
-        return ends, free
-
-    def _is_free_way(self, start: np.ndarray, way: np.ndarray) -> bool:
-        """Whether every piece of a way is free."""
-        for point in way:
-            if not np.array_equal(point, start) and not self.is_free(start, point):
-                return False
-            start = point
-        return True
+        ways = poses[:, None, None, :2] + np.einsum("nij,uwj->nuwi", turn, self.waypoints)
+        before = np.empty_like(ways)
+        before[:, :, 0] = poses[:, None, :2]
+        before[:, :, 1:] = ways[:, :, :-1]
+        free = self.are_free(before.reshape(-1, 2), ways.reshape(-1, 2))
+        return ends, free.reshape(ways.shape[:3]).all(axis=2)
 
     def _draw_controls(self, k: int, generator: np.random.Generator) -> np.ndarray | None:
         """Equation (9), all robots at once, from the controls that are free."""

@@ -25,7 +25,7 @@ from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_least, require_at_most
 from fgplan.planners.aia.arrays import Prepared, obstacle_arrays, prepare, unpacked
 from fgplan.planners.aia.growth import Growth
-from fgplan.planners.aia.obstacle_kernels import in_sight, motion_free
+from fgplan.planners.aia.obstacle_kernels import in_sight
 from fgplan.planners.aia.options import TreeOptions, tree_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.threads import one_blas_thread
@@ -204,7 +204,7 @@ def _reference(problem: AcquisitionProblem, options: TreeOptions, prepared: Prep
         distance=prepared.fields.distance_m,
         frame=prepared.fields.frame,
         field_of=setting.fields.of_target,
-        is_free=lambda a, b: bool(motion_free(world, a[0], a[1], b[0], b[1])),
+        are_free=problem.workspace.are_motions_valid,
         is_seen=lambda a, b: bool(in_sight(world, a[0], a[1], b[0], b[1])),
         range_m=float(getattr(sensor, "max_range_m", np.inf)),
         near_m=float(setting.near_m[0]),
