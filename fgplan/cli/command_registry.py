@@ -74,6 +74,10 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
         "fgplan.reproduce.kantaros_comparison.command:run",
         "planner aia beside greedy, FVI, RIG-tree and Dec-MCTS, as in Kantaros et al. 2019",
     ),
+    "kantaros-convergence": RegisteredCommand(
+        "fgplan.reproduce.kantaros_convergence.command:run",
+        "how often the optimal path is in the tree, against bound (7) of Kantaros et al. 2019",
+    ),
 }
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {
