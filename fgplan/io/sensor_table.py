@@ -22,6 +22,8 @@ from fgplan.io.scenario import (
 )
 from fgplan.io.scenario_file import convert_table
 from fgplan.io.user_object import is_object_name, load_object
+from fgplan.models.position_sensor import PositionSensor
+from fgplan.models.proportional_range import ProportionalRangeSensor
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.models.sensor import AbstractSensor
@@ -57,6 +59,21 @@ class BearingRangeTable(_ViewTable, frozen=True, kw_only=True):
     range_sigma_per_metre: NotNegative = 0.0
 
 
+class ProportionalRangeTable(_ViewTable, frozen=True):
+    """Parameters of ``kind = "proportional_range"``."""
+
+    slope: NotNegative = 0.25
+    sigma_m: NotNegative = 0.0
+    floor_m: Positive = 0.01
+
+
+class PositionTable(_ViewTable, frozen=True, kw_only=True):
+    """Parameters of ``kind = "position"``."""
+
+    sigma_m: Positive
+    sigma_per_metre: NotNegative = 0.0
+
+
 class RelativePoseTable(Table, frozen=True):
     """Parameters of ``kind = "relative_pose"``, between robots only."""
 
@@ -68,6 +85,8 @@ _BUILT_IN: dict[str, tuple[type[Table], type[AbstractSensor]]] = {
     "range": (RangeTable, RangeSensor),
     "bearing": (BearingTable, BearingSensor),
     "bearing_range": (BearingRangeTable, BearingRangeSensor),
+    "proportional_range": (ProportionalRangeTable, ProportionalRangeSensor),
+    "position": (PositionTable, PositionSensor),
 }
 _BETWEEN_ROBOTS = ("range", "bearing_range")
 
@@ -185,9 +204,9 @@ def _make_team_sensor(
             )
         given = scenario.sensors[given]
     kind, parameters = _kind(given, place)
-    if kind == "bearing":
+    if kind in _BUILT_IN and kind not in _BETWEEN_ROBOTS:
         raise place.at("kind").error(
-            f"expected relative_pose, {' or '.join(_BETWEEN_ROBOTS)} between robots, got 'bearing'"
+            f"expected relative_pose, {' or '.join(_BETWEEN_ROBOTS)} between robots, got {kind!r}"
         )
     if kind != "relative_pose":
         return make_sensor(given, place)

@@ -18,6 +18,8 @@ from fgplan.evaluation.objective import (
     UncertaintyTerm,
 )
 from fgplan.io.mission_file import load_mission
+from fgplan.models.position_sensor import PositionSensor
+from fgplan.models.proportional_range import ProportionalRangeSensor
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
 from fgplan.models.relative_pose import RelativePoseSensor
 from fgplan.paths.multi_robot import DistanceCriterion
@@ -169,6 +171,16 @@ def test_ros_map_gives_the_bounds(load, tmp_path):
         (
             'kind = "bearing_range"\nbearing_sigma_rad = 0.1\nrange_sigma_m = 1\nmax_range_m = 5',
             BearingRangeSensor(bearing_sigma_rad=0.1, range_sigma_m=1.0, max_range_m=5.0),
+        ),
+        ('kind = "proportional_range"', ProportionalRangeSensor()),
+        (
+            'kind = "proportional_range"\nslope = 0.1\nsigma_m = 0.2\nfloor_m = 0.05\n'
+            "max_range_m = 2",
+            ProportionalRangeSensor(slope=0.1, sigma_m=0.2, floor_m=0.05, max_range_m=2.0),
+        ),
+        (
+            'kind = "position"\nsigma_m = 0.3\nsigma_per_metre = 0.1\nfield_of_view_rad = 1.0',
+            PositionSensor(sigma_m=0.3, sigma_per_metre=0.1, field_of_view_rad=1.0),
         ),
     ],
 )
@@ -351,6 +363,7 @@ def test_targets_are_static_unless_said(load):
             ["call with two states", "int"],
         ),
         (edited(('kind = "relative_pose"', 'kind = "bearing"')), ["between robots", "bearing"]),
+        (edited(('kind = "relative_pose"', 'kind = "position"')), ["between robots", "'position'"]),
         (
             edited(("sensor = {", "time_tolerance_s = 1.0\nsensor = {")),
             ["any two times", "$.team.multi_robot[0]"],
@@ -378,7 +391,7 @@ def test_targets_are_static_unless_said(load):
         ),
         (
             edited(('kind = "bearing_range"', 'kind = "radar"')),
-            ["range, bearing, bearing_range or 'module:object'", "'radar'"],
+            ["bearing_range, proportional_range, position or 'module:object'", "'radar'"],
         ),
         (
             edited(('kind = "bearing_range"', "")),
@@ -388,6 +401,15 @@ def test_targets_are_static_unless_said(load):
             edited(('kind = "bearing_range"', 'kind = "own_models:Sonar"')),
             ["own_models:Sonar accepts", "$.sensors.lidar"],
         ),
+        (
+            TEXT + '\n[sensors.own]\nkind = "proportional_range"\nfloor_m = 0',
+            ["> 0.0", "$.sensors.own.floor_m"],
+        ),
+        (
+            TEXT + '\n[sensors.own]\nkind = "proportional_range"\nslope = -0.1',
+            [">= 0.0", "$.sensors.own.slope"],
+        ),
+        (TEXT + '\n[sensors.own]\nkind = "position"', ["sigma_m", "$.sensors.own"]),
         (TEXT + '\n[sensors.own]\nkind = "own_models:not_a_sensor"', ["AbstractSensor", "got int"]),
         (
             TEXT + '\n[sensors.own]\nkind = "no_such_module:Sonar"',
