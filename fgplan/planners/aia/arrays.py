@@ -95,7 +95,12 @@ def prepare(
         sight=Sight(sensors=sensors, places=places, fixed=problem.fixed),
         dynamics=dynamics_arrays(problem.hidden)
         if problem.packed
-        else Dynamics(identity=False, transition=np.zeros((1, 0, 4)), process=np.zeros((1, 0, 3))),
+        else Dynamics(
+            still=False,
+            identity=False,
+            transition=np.zeros((1, 0, 4)),
+            process=np.zeros((1, 0, 3)),
+        ),
         criteria=criteria,
         fields=Fields(
             frame=fields.frame,
@@ -220,8 +225,10 @@ def dynamics_arrays(hidden: HiddenState) -> Dynamics:
     A = np.array([[b.at(t)[0].ravel() for b in hidden.blocks] for t in range(lengths[0])])  # noqa: N806
     full = np.array([[b.at(t)[2] for b in hidden.blocks] for t in range(lengths[1])])
     Q = np.stack([full[..., 0, 0], full[..., 0, 1], full[..., 1, 1]], axis=-1)  # noqa: N806
+    identity = bool((A == [1.0, 0.0, 0.0, 1.0]).all())
     return Dynamics(
-        identity=bool((A == [1.0, 0.0, 0.0, 1.0]).all()),
+        still=identity and not Q.any(),
+        identity=identity,
         transition=np.ascontiguousarray(A),
         process=np.ascontiguousarray(Q),
     )

@@ -26,11 +26,13 @@ class Dynamics(NamedTuple):
     """The targets' dynamics; a leading axis of one step is constant.
 
     Attributes:
+        still: Whether every A is the identity and every Q zero: predicting changes nothing.
         identity: Whether every A is the identity.
         transition: A row by row, shape (T, M, 4).
         process: Q as (xx, xy, yy), shape (T, M, 3), square metres.
     """
 
+    still: bool
     identity: bool
     transition: FloatArray
     process: FloatArray
@@ -103,6 +105,7 @@ def _predict(
 def propagate_row(
     row: FloatArray,
     information: FloatArray,
+    still: bool,
     identity: bool,
     transition: FloatArray,
     process: FloatArray,
@@ -115,7 +118,9 @@ def propagate_row(
         row: Shape (3 M,).
         information: J, as long: of the configuration at t, or at t + 1 if ``at_child``.
     """
-    if at_child:
+    if still:
+        _measure(row, information)
+    elif at_child:
         _predict(row, identity, transition, process, t)
         _measure(row, information)
     else:
@@ -177,13 +182,16 @@ def shortfall_of(
     The worst target's number over its limit; of a joint determinant exp((log det - limit) /
     2 M), so that it, too, is a ratio. Writes ``satisfied``, shape (M,).
     """
-    worst = 0.0
     for i in range(numbers.shape[0]):
         satisfied[i] = numbers[i] <= limits[i]
-        if scope == EACH:
-            worst = max(worst, numbers[i] / threshold[i])
     if scope == EACH:
-        return worst
+        worst, largest, limit = 0.0, 0.0, threshold[0]
+        for i in range(numbers.shape[0]):
+            if threshold[i] != limit:  # one division for targets in a row with one limit
+                worst = max(worst, largest / limit)
+                largest, limit = 0.0, threshold[i]
+            largest = max(largest, numbers[i])
+        return max(worst, largest / limit)
     joint = _joint(numbers, function)
     if function == DETERMINANT:
         return float(np.exp((joint - threshold[0]) / (2.0 * numbers.shape[0])))

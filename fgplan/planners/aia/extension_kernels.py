@@ -74,9 +74,10 @@ def append_node(
     rows: IntArray,
     cost: float,
 ) -> int:
-    """Append the node whose covariance is in ``scratch``: links, goal test, Algorithm 2.
+    """Append the node whose covariance is in its row already: links, goal test, Algorithm 2.
 
     Where:
+        scratch: Its ``numbers`` are the objective's of that covariance.
         k: Its group, or -1 where it is the first of a new one, which goes to ``place``.
 
     Returns:
@@ -86,10 +87,9 @@ def append_node(
     satisfied, assigned = scratch.satisfied, scratch.assigned
     node = counts[NODES]
     k = link_node(tree, parent, k, place, rows, cost)
-    for c in range(scratch.covariance.shape[0]):
-        tree.covariance[node, c] = scratch.covariance[c]
     numbers = scratch.numbers
-    read_numbers(scratch.covariance, criteria.terminal, numbers)
+    if criteria.terminal != criteria.objective:
+        read_numbers(tree.covariance[node], criteria.terminal, numbers)
     shortfall = shortfall_of(
         numbers,
         criteria.terminal,
@@ -142,7 +142,7 @@ def extend_group(
         k: The group; the nodes that it holds on entry are extended, or one of them.
     """
     criteria, dynamics, counts = setting.criteria, setting.dynamics, tree.counts
-    rows, covariance, information = tree.drawn, scratch.covariance, scratch.information
+    rows, information = tree.drawn, scratch.information
     costs, depths, covariances = tree.cost, tree.depth, tree.covariance
     remembers = setting.sight.fixed and poses.successors.shape[0] > 0
     new, place = find_group(tree.slots, tree.configuration, rows)
@@ -167,6 +167,7 @@ def extend_group(
         elif skip and new >= 0:
             counts[REPEATED] += 1
         else:
+            covariance = covariances[counts[NODES]]  # the caller has made room
             if child >= 0 and not settings.at_child:
                 for c in range(covariance.shape[0]):  # the same for all children
                     covariance[c] = covariances[child, c]
@@ -190,6 +191,7 @@ def extend_group(
                 propagate_row(
                     covariance,
                     information,
+                    dynamics.still,
                     dynamics.identity,
                     dynamics.transition,
                     dynamics.process,

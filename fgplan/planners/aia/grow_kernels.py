@@ -67,6 +67,7 @@ def grow(
     remembered = poses.preferred.shape[0] > 0
     configuration, assigned, tail, drawn = tree.configuration, tree.assigned, tree.tail, tree.drawn
     successors, preferred, kind = poses.successors, poses.preferred, poses.kind
+    unblocked = poses.free
     controls = setting.motions.controls
     last = counts[ITERATIONS] + iterations
     while counts[ITERATIONS] < last:
@@ -87,6 +88,7 @@ def grow(
                     configuration[k],
                     assigned[tail[k]],
                     successors,
+                    unblocked,
                     preferred,
                     controls,
                     kind,

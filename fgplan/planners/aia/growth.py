@@ -200,6 +200,7 @@ class Growth:
         """Enter the root, whose covariance is in scratch."""
         tree, setting = self.tree, self.prepared.setting
         criteria, numbers = setting.criteria, self.scratch.numbers
+        tree.covariance[0] = self.scratch.covariance
         read_numbers(self.scratch.covariance, criteria.objective, numbers)
         cost = total_of(numbers, criteria.objective, criteria.objective_scope)
         append_node(

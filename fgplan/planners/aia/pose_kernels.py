@@ -53,6 +53,7 @@ class Poses(NamedTuple):
         slots: Hash table of row numbers, -1 where free; its length is a power of two.
         successors: Rows that each control leads to, -1 where it is blocked, -2 in the first column
             where not known yet, shape (S, U); shape (0, 0) where poses do not recur.
+        free: Number of controls that are not blocked, shape (S,); shape (0,) as ``successors``.
         preferred: u* of equation (9) towards each target that stays: a control, -1 where controls
             are drawn uniformly, -2 where not known yet, shape (S, M); shape (0, 0) where not
             remembered.
@@ -68,6 +69,7 @@ class Poses(NamedTuple):
     cell: IntArray
     slots: IntArray
     successors: IntArray
+    free: IntArray
     preferred: IntArray
     first: IntArray
     entries: IntArray
@@ -196,8 +198,11 @@ def remember_successors(
         return
     kind = poses.kind[row]
     follow_controls(motions, obstacles, poses.pose[row], kind, poses.cell[row], ends, found)
+    free = 0
     for u in range(motions.controls[kind]):
         after = -1
         if found[u] == -2:
             after = enter_pose(poses, frame, kind, ends[u, 0], ends[u, 1], ends[u, 2])
+            free += 1
         poses.successors[row, u] = after
+    poses.free[row] = free

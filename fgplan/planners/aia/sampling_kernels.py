@@ -256,6 +256,7 @@ def draw_remembered(
     rows: IntArray,
     assigned: IntArray,
     successors: IntArray,
+    free: IntArray,
     preferred: IntArray,
     controls: IntArray,
     kind: IntArray,
@@ -278,7 +279,8 @@ def draw_remembered(
             drawn[j] = successors[row, best]
             continue
         many = controls[kind[row]]
-        chosen = _chosen(best, p_control, jointly, successors[row], many, number)
+        all_free = jointly or free[row] == many  # then nothing needs to be counted
+        chosen = _chosen(best, p_control, all_free, successors[row], many, number)
         drawn[j] = successors[row, chosen] if chosen >= 0 else -1
     return int(rows.shape[0])
 
@@ -319,6 +321,7 @@ def draw_controls(
                 rows,
                 assigned,
                 poses.successors,
+                poses.free,
                 poses.preferred,
                 setting.motions.controls,
                 poses.kind,

@@ -53,6 +53,7 @@ def make_poses(prepared: Prepared) -> Poses:
         cell=np.empty(rows, dtype=np.int32),
         slots=np.full(_slots(rows), -1, dtype=np.int32),
         successors=np.empty((rows, controls) if recurs else (0, 0), dtype=np.int32),
+        free=np.empty(rows if recurs else 0, dtype=np.int32),
         preferred=np.empty(
             (rows, setting.sight.places.shape[1]) if recurs and setting.sight.fixed else (0, 0),
             dtype=np.int16,
@@ -84,6 +85,7 @@ def more_poses(poses: Poses) -> Poses:
         successors=_grown(poses.successors, rows, used)
         if len(poses.successors)
         else poses.successors,
+        free=_grown(poses.free, rows, used) if len(poses.free) else poses.free,
         preferred=_grown(poses.preferred, rows, used) if len(poses.preferred) else poses.preferred,
         first=_grown(poses.first, rows, used),
         entries=_grown(poses.entries, rows, used),
