@@ -52,7 +52,8 @@ def draw_team_path(problem: AcquisitionProblem, path: TeamPath, title: str) -> "
     draw_workspace(picture, axes, workspace)
     places = target_positions(problem, path.horizon)
     _draw_robots(axes, problem, path.poses)
-    picture.entry("robot: start, end", color="#888888", marker="*", ms=12)
+    picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
+    picture.entry("end of its path", color="#888888", marker="s", ms=7)
     reach = max(getattr(s, "max_range_m", np.inf) for r in problem.robots for s in r.sensors)
     if np.isfinite(reach):
         for pose in path.poses[-1]:
