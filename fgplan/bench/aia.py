@@ -23,8 +23,9 @@ from fgplan.bench.aia_scene import DELTA, kantaros_scene
 from fgplan.errors import InvalidInputError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_least, require_at_most
-from fgplan.planners.aia.arrays import Prepared, obstacle_arrays, prepare, unpacked
+from fgplan.planners.aia.arrays import Prepared, prepare, unpacked
 from fgplan.planners.aia.growth import Growth
+from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
 from fgplan.planners.aia.obstacle_kernels import in_sight
 from fgplan.planners.aia.options import TreeOptions, tree_options
 from fgplan.planners.aia.problem import AcquisitionProblem

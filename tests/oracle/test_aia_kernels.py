@@ -5,22 +5,27 @@ import dataclasses
 import numpy as np
 import pytest
 from aia_scenes import lattice_problem
+from scipy.sparse.csgraph import dijkstra
 
 from fgplan.bench.aia_scene import kantaros_scene, kantaros_world
+from fgplan.errors import InvalidInputError
 from fgplan.models.linear_observation import AbstractLinearObservation
 from fgplan.models.position_sensor import PositionSensor
 from fgplan.models.proportional_range import ProportionalRangeSensor
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
-from fgplan.planners.aia.arrays import obstacle_arrays, prepare
+from fgplan.planners.aia.arrays import prepare
 from fgplan.planners.aia.densities import Densities
+from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.growth import Growth
 from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.guided_growth import GuidedGrowth
+from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
 from fgplan.planners.aia.obstacle_kernels import in_sight, motion_free
 from fgplan.planners.aia.options import tree_options
 from fgplan.planners.aia.pose_kernels import enter_pose
 from fgplan.planners.aia.tree_kernels import DEEPEST, DEPTH, GROUPS, NODES
 from roadmaps import OccupancyGrid, Workspace
+from roadmaps.geodesic import build_geodesic_grid
 
 
 def grid_world(generator):
@@ -47,6 +52,43 @@ def test_ways_and_sight_are_free_where_the_workspace_says_so(which):
     assert seen == world.has_line_of_sight(starts, ends).tolist()
     assert 50 < sum(free) < 550
     assert 50 < sum(seen) < 590
+
+
+@pytest.mark.parametrize("which", ["boxes", "disc", "grid"])
+def test_geodesic_fields_are_those_of_the_grid_of_the_same_cells(which):
+    generator = np.random.default_rng(5)
+    world = grid_world(generator) if which == "grid" else kantaros_world()
+    if which == "disc":
+        world = dataclasses.replace(world, robot_radius_m=0.3)
+    fields = GeodesicFields(world, (0.43, 0.38), 0.2)
+    x0, y0, side, columns, rows = fields.frame
+    lower = np.array([x0, y0])
+    covered = dataclasses.replace(
+        world, lower=lower, upper=lower + side * np.array([columns, rows])
+    )
+    grid = build_geodesic_grid(covered, resolution_m=0.2)
+    np.testing.assert_array_equal(fields.free, grid.free.ravel())
+    assert 0 < (~fields.free).sum() < fields.free.sum()
+    sources = generator.choice(np.flatnonzero(fields.free), 70, replace=False)
+    places = fields.cell_centers[sources]
+    rows_of = fields.rows_of(places)
+    found = fields.distance_m[rows_of]
+    expected = dijkstra(grid.motions, directed=False, indices=sources)
+    np.testing.assert_array_equal(found, expected.astype(np.float32))
+    assert np.isinf(found).any()
+    again = fields.rows_of(places[::-1])
+    np.testing.assert_array_equal(again, rows_of[::-1])
+    assert len(fields.distance_m) == 70
+
+
+def test_geodesic_cells_too_many_or_none_free_are_refused():
+    with pytest.raises(InvalidInputError, match="at most 25 million cells"):
+        GeodesicFields(kantaros_world(), (0.5, 0.5), 1e-3)
+    walled = Workspace(
+        lower=np.zeros(2), upper=np.ones(2), obstacles=[[(0, 0), (1, 0), (1, 1), (0, 1)]]
+    )
+    with pytest.raises(InvalidInputError, match="some are free"):
+        GeodesicFields(walled, (0.5, 0.5), 0.2)
 
 
 @pytest.mark.parametrize(

@@ -15,14 +15,13 @@ from fgplan.planners.aia.covariance_kernels import Dynamics
 from fgplan.planners.aia.criteria_arrays import BUILT_IN, criteria_arrays
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.information_kernels import Sight
-from fgplan.planners.aia.obstacle_kernels import Obstacles
+from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.pose_kernels import Motions
 from fgplan.planners.aia.problem import AcquisitionProblem, SensingRobot
 from fgplan.planners.aia.sensor_arrays import sensing_range, sensor_arrays
 from fgplan.planners.aia.tree_kernels import Setting, Settings
 from fgplan.typing import FloatArray, IntArray
-from roadmaps import Workspace
 
 FOREVER = 2**62
 _HORIZON = 64
@@ -231,40 +230,6 @@ def dynamics_arrays(hidden: HiddenState) -> Dynamics:
         identity=identity,
         transition=np.ascontiguousarray(A),
         process=np.ascontiguousarray(Q),
-    )
-
-
-def obstacle_arrays(workspace: Workspace) -> Obstacles:
-    """A workspace as the kernels read it.
-
-    Args:
-        workspace: The workspace.
-
-    Returns:
-        Arrays.
-    """
-    rings = [np.asarray(ring) for ring in workspace.obstacles]
-    empty = np.zeros((0, 2))
-    blocked = opaque = np.zeros((0, 0), dtype=np.bool_)
-    to_cells = np.zeros((2, 3))
-    if workspace.grid is not None:
-        outside = not workspace.unknown_is_free
-        blocked = np.pad(np.asarray(workspace.blocked), 1, constant_values=outside)
-        opaque = np.pad(np.asarray(workspace.opaque), 1, constant_values=outside)
-        corners = workspace.grid.to_cells(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
-        to_cells = np.stack([corners[1] - corners[0], corners[2] - corners[0], corners[0]], axis=1)
-    return Obstacles(
-        lower=np.array(workspace.lower),
-        upper=np.array(workspace.upper),
-        radius_m=float(workspace.robot_radius_m),
-        starts=np.concatenate([empty, *rings]),
-        ends=np.concatenate([empty, *(np.roll(ring, -1, axis=0) for ring in rings)]),
-        first_edge=np.cumsum([0, *(len(ring) for ring in rings)]).astype(np.int64),
-        box_low=np.array([ring.min(axis=0) for ring in rings]).reshape(-1, 2),
-        box_high=np.array([ring.max(axis=0) for ring in rings]).reshape(-1, 2),
-        blocked=blocked,
-        opaque=opaque,
-        to_cells=np.ascontiguousarray(to_cells),
     )
 
 
