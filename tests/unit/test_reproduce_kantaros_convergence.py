@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from fgplan.errors import NoCandidatePathError
+from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.io.command import CommandOptions
 from fgplan.planners.aia.baseline import Budget
 from fgplan.planners.aia.options import tree_options
@@ -48,6 +48,23 @@ def test_requirements_fail_below_the_bound_and_without_the_optimum():
     assert row["first_iterations"] == [None] * 20
     assert row["printed_form_fails_at"] == 1
     assert [need.met for need in command.requirements([row])] == [False, False]
+
+
+def test_seeds_that_were_cut_off_are_compared_up_to_there_and_said():
+    outcome = command.run(CommandOptions(quick=True, arguments={"iterations": 5}))
+    for row, margin, optimal in zip(
+        outcome.results["rows"], outcome.requirements[::2], outcome.requirements[1::2], strict=True
+    ):
+        assert row["seeds_optimal"] < row["seeds"]
+        assert margin.met  # the bound says nothing by iteration 5
+        assert not optimal.met
+    assert "not reached" in outcome.summary[-1]
+    assert outcome.figures == ()
+
+
+def test_no_iterations_are_refused():
+    with pytest.raises(InvalidInputError, match="--iterations: expected at least 1, got 0"):
+        command.run(CommandOptions(quick=True, arguments={"iterations": 0}))
 
 
 def test_the_interval_is_clopper_pearson_s():

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fgplan.errors import NoCandidatePathError
+from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_least, require_true
 from fgplan.models.hidden_state import independent_targets
@@ -160,9 +160,14 @@ def run(options: CommandOptions) -> CommandOutcome:
 
     Returns:
         Probabilities beside the bound.
+
+    Raises:
+        InvalidInputError: If ``iterations`` is less than 1.
     """
     seeds = options.seed_range(SEEDS, QUICK_SEEDS)
     limit = min(options.arguments.get("iterations", SHOWN), SHOWN)
+    if limit < 1:
+        raise InvalidInputError(f"--iterations: expected at least 1, got {limit}")
     problem = tiny_scene()
     best = optimal_path(problem)
     reachable = reachable_configurations(problem)
@@ -185,7 +190,9 @@ def run(options: CommandOptions) -> CommandOutcome:
             options.progress(start, len(seeds), f"{name} densities")
             some = seeds[start : start + 10]
             found += first_iterations(problem, tree, best.cost, some, limit).tolist()
-        alpha = least_alpha(count, reachable, controls, tree)
+        # A seed that was cut off says nothing of later iterations.
+        known = count[:limit] if np.isinf(found).any() else count
+        alpha = least_alpha(known, reachable, controls, tree)
         curve = compare(
             np.array(found),
             probability_bound(alpha, best.horizon),
@@ -296,7 +303,8 @@ def summary(constants: dict[str, Any], rows: Sequence[dict[str, Any]]) -> tuple[
     ]
     for row in rows:
         reached = ", ".join(
-            f"{level}: n {row['empirical_reaches'][level]} (bound {row['bound_reaches'][level]})"
+            f"{level}: n {row['empirical_reaches'][level] or 'not reached'} "
+            f"(bound {row['bound_reaches'][level] or 'not reached'})"
             for level in row["bound_reaches"]
         )
         fails = row["printed_form_fails_at"]
