@@ -54,8 +54,10 @@ def test_ways_and_sight_are_free_where_the_workspace_says_so(which):
     assert 50 < sum(seen) < 590
 
 
+@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("which", ["boxes", "disc", "grid"])
-def test_geodesic_fields_are_those_of_the_grid_of_the_same_cells(which):
+def test_geodesic_fields_are_those_of_the_grid_of_the_same_cells(which, compiled, monkeypatch):
+    monkeypatch.setattr("fgplan.planners.aia.geodesic_fields._COMPILED", compiled)
     generator = np.random.default_rng(5)
     world = grid_world(generator) if which == "grid" else kantaros_world()
     if which == "disc":

@@ -8,8 +8,11 @@ their last bits alone then tie, and ties go to the lowest index.
 
 import math
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 
 from fgplan.errors import InvalidInputError
 from fgplan.planners.aia.geodesic_kernels import lay_motions, spread_distances
@@ -18,6 +21,7 @@ from fgplan.typing import ArrayLike, FloatArray, IntArray
 from roadmaps import Workspace
 
 _MOST_CELLS = 25e6
+_COMPILED = not numba.config.DISABLE_JIT
 
 
 class GeodesicFields:
@@ -112,8 +116,15 @@ class GeodesicFields:
         return np.array([self._row_of_cell[cell] for cell in cells], dtype=np.int64)
 
     def _spread(self, sources: list[int]) -> NDArray[np.float32]:
-        """Fields of sources."""
+        """Fields of sources; without the compiler scipy spreads them, to the same numbers."""
         cells, side = len(self.free), float(self.frame[2])
+        if not _COMPILED:
+            start, place = np.nonzero(self._ways >= 0)
+            length = np.where(place < 4, side, side * math.sqrt(2.0))
+            motions = sparse.csr_array(
+                (length, (start, self._ways[start, place])), shape=(cells, cells)
+            )
+            return np.asarray(dijkstra(motions, indices=sources), dtype=np.float32)
         fields = np.empty((len(sources), cells), dtype=np.float32)
         distance, queue = np.empty(cells), np.empty(cells, dtype=np.int32)
         waits = np.empty(cells, dtype=np.bool_)
