@@ -38,7 +38,18 @@ SCENARIOS = sorted(
 )
 
 
-@pytest.mark.parametrize("path", SCENARIOS, ids=[path.name for path in SCENARIOS])
+LONG = ("closed_loop.toml",)
+"""Whole missions with figures and film: example 09 runs them without, and test_cli_closed_loop its
+own."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.full] if path.name in LONG else [], id=path.name)
+        for path in SCENARIOS
+    ],
+)
 def test_example_scenario_runs(path, tmp_path, capsys):
     assert main(["run", str(path), "--quick", "--check", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
