@@ -7,30 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgplan.bench.open_world import OpenWorld
+from fgplan.closed_loop.comparison import Contestant
+from fgplan.closed_loop.comparison import largest_difference as compare_candidates
 from fgplan.evaluation.as_published import AsPublished
-from fgplan.evaluation.evaluations import AbstractEvaluator
 from fgplan.evaluation.from_scratch import FromScratch
 from fgplan.evaluation.incremental.evaluator import Incremental
 from fgplan.evaluation.isam2 import Isam2
 from fgplan.team.agreement import Agreement
 from fgplan.team.coordination import coordinate
 from fgplan.team.options import CoordinationOptions
-
-
-@dataclass(frozen=True, slots=True)
-class Contestant:
-    """One way of planning.
-
-    Attributes:
-        evaluator: How candidates are evaluated.
-        choose: Whether the best is found by lower bounds.
-        exact: Whether its values are exact; the objective then never rises.
-    """
-
-    evaluator: AbstractEvaluator
-    choose: bool = False
-    exact: bool = True
-
 
 EXACT_TURNS = 10_000
 INEXACT_TURNS = 15
@@ -138,11 +123,4 @@ def largest_difference(world: OpenWorld, agreement: Agreement) -> float:
     Returns:
         Largest |a - b| / |b| over robots, candidates and terms.
     """
-    worst = 0.0
-    oracle, ours = FromScratch(elimination="qr"), Incremental()
-    for robot, paths in world.candidates.items():
-        others = {r: path for r, path in agreement.paths.items() if r != robot}
-        _, want = oracle.evaluate(oracle.start(world.problem, robot, paths), others)
-        _, got = ours.evaluate(ours.start(world.problem, robot, paths), others)
-        worst = max(worst, float(np.max(np.abs(got.terms - want.terms) / np.abs(want.terms))))
-    return worst
+    return compare_candidates(world.problem, world.candidates, agreement.paths, {})

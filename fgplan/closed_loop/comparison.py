@@ -5,7 +5,7 @@ eliminated yet, so that each pays for its own preparation.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -125,7 +125,6 @@ def largest_difference(
     candidates: Candidates,
     announced: Mapping[str, CandidatePath],
     carried: Mapping[str, Any],
-    robots: Sequence[str] | None = None,
 ) -> float:
     """Largest relative difference of any term of any candidate: ours against from scratch by QR.
 
@@ -134,15 +133,13 @@ def largest_difference(
         candidates: Candidate paths of each robot.
         announced: Paths under which all candidates are compared.
         carried: By robot, what its evaluator carried over from earlier sessions.
-        robots: Whose candidates are compared; None compares all.
 
     Returns:
         Largest |a - b| / |b|.
     """
     worst = 0.0
     oracle, ours = FromScratch(elimination="qr"), Incremental()
-    for robot in robots or tuple(candidates):
-        paths = candidates[robot]
+    for robot, paths in candidates.items():
         if not paths:
             continue
         others = {name: path for name, path in announced.items() if name != robot}

@@ -12,11 +12,11 @@ PLANNERS: dict[str, str] = {
     "impacted_paths": "fgplan.planners.impacted_paths.planner:ImpactedPathsPlanner",
     "exhaustive": "fgplan.planners.exhaustive.planner:ExhaustivePlanner",
     "aia": "fgplan.planners.aia.planner:AiaPlanner",
-    "greedy": "fgplan.planners.greedy.planner:GreedyPlanner",
-    "biased_greedy": "fgplan.planners.biased_greedy.planner:BiasedGreedyPlanner",
-    "fvi": "fgplan.planners.fvi.planner:FviPlanner",
-    "rig_tree": "fgplan.planners.rig_tree.planner:RigTreePlanner",
-    "dec_mcts": "fgplan.planners.dec_mcts.planner:DecMctsPlanner",
+    "greedy": "fgplan.planners.greedy.planner:PLANNER",
+    "biased_greedy": "fgplan.planners.biased_greedy.planner:PLANNER",
+    "fvi": "fgplan.planners.fvi.planner:PLANNER",
+    "rig_tree": "fgplan.planners.rig_tree.planner:PLANNER",
+    "dec_mcts": "fgplan.planners.dec_mcts.planner:PLANNER",
 }
 """Name to ``module:object``; more are added by ``register_planner``."""
 

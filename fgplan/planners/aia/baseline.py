@@ -107,51 +107,59 @@ Solve = Callable[[AcquisitionProblem, Budget, np.random.Generator], BaselineResu
 """A baseline as a function."""
 
 
-def plan_mission(
-    mission: Mission,
-    generator: np.random.Generator,
-    progress: Progress | None,
-    name: str,
-    solve: Solve,
-) -> Plan:
-    """Plan a mission by a baseline.
+@dataclass(frozen=True, slots=True)
+class BaselinePlanner:
+    """A baseline as a planner; its options are those of ``Budget`` and ``ProblemOptions``.
 
-    Args:
-        mission: Robots with sensors, and targets; options of ``Budget`` and ``ProblemOptions``.
-        generator: Source of every random number.
-        progress: Told that it has begun.
-        name: Name of the planner.
+    Attributes:
+        name: Name in scenarios and results.
         solve: The baseline.
-
-    Returns:
-        The plan.
-
-    Raises:
-        NoCandidatePathError: If no feasible plan was found within the budget.
-        OptionError: If an option is not known or not usable.
     """
-    own, others = split_options(mission.options, PROBLEM_OPTIONS)
-    known = [option.name for option in fields(Budget)]
-    for option in others:
-        if option not in known:
-            names = ", ".join([*known, *PROBLEM_OPTIONS])
-            raise OptionError(f"option {option!r} of planner {name!r}: expected one of {names}")
-    try:
-        budget = Budget(**others)
-    except FgplanError as error:
-        raise OptionError(str(error)) from error
-    problem = mission_problem(mission, read_problem_options(own))
-    if progress is not None:
-        progress(0, 0, name)
-    found = solve(problem, budget, generator)
-    if found.plan is None:
-        raise no_plan(name, problem, found.shortfall, "the budget is spent")
-    return mission_plan(
-        mission,
-        problem,
-        found.plan,
-        planner=name,
-        report={"nodes": found.nodes},
-        seconds={"search": found.seconds},
-        options={**asdict(budget), **own},
-    )
+
+    name: str
+    solve: Solve
+
+    def plan(
+        self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
+    ) -> Plan:
+        """Plan for every robot of a mission.
+
+        Args:
+            mission: Robots with sensors, and targets.
+            generator: Source of every random number.
+            progress: Told that it has begun.
+
+        Returns:
+            The plan.
+
+        Raises:
+            NoCandidatePathError: If no feasible plan was found within the budget.
+            OptionError: If an option is not known or not usable.
+        """
+        own, others = split_options(mission.options, PROBLEM_OPTIONS)
+        known = [option.name for option in fields(Budget)]
+        for option in others:
+            if option not in known:
+                names = ", ".join([*known, *PROBLEM_OPTIONS])
+                raise OptionError(
+                    f"option {option!r} of planner {self.name!r}: expected one of {names}"
+                )
+        try:
+            budget = Budget(**others)
+        except FgplanError as error:
+            raise OptionError(str(error)) from error
+        problem = mission_problem(mission, read_problem_options(own))
+        if progress is not None:
+            progress(0, 0, self.name)
+        found = self.solve(problem, budget, generator)
+        if found.plan is None:
+            raise no_plan(self.name, problem, found.shortfall, "the budget is spent")
+        return mission_plan(
+            mission,
+            problem,
+            found.plan,
+            planner=self.name,
+            report={"nodes": found.nodes},
+            seconds={"search": found.seconds},
+            options={**asdict(budget), **own},
+        )

@@ -2,11 +2,8 @@
 
 import numpy as np
 
-from fgplan.planners.aia.baseline import BaselineResult, Budget, plan_mission
+from fgplan.planners.aia.baseline import BaselinePlanner, BaselineResult, Budget
 from fgplan.planners.aia.problem import AcquisitionProblem
-from fgplan.planners.mission import Mission
-from fgplan.planners.plan import Plan
-from fgplan.planners.planner import Progress
 
 
 def solve(
@@ -27,26 +24,5 @@ def solve(
     return choose_greedily(problem, budget, generator, alone=False)
 
 
-class BiasedGreedyPlanner:
-    """Planner ``biased_greedy``; its options are those of ``Budget`` and ``ProblemOptions``."""
-
-    name = "biased_greedy"
-
-    def plan(
-        self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
-    ) -> Plan:
-        """Plan for every robot of a mission.
-
-        Args:
-            mission: Robots with sensors, and targets.
-            generator: Source of every random number.
-            progress: Told that it has begun.
-
-        Returns:
-            The plan.
-
-        Raises:
-            NoCandidatePathError: If no feasible plan was found within the budget.
-            OptionError: If an option is not known or not usable.
-        """
-        return plan_mission(mission, generator, progress, self.name, solve)
+PLANNER = BaselinePlanner("biased_greedy", solve)
+"""The planner, as the registry finds it."""
