@@ -77,7 +77,7 @@ def test_a_log_is_planned_from_and_its_folder_runs_again(tmp_path, capsys, kind)
     np.testing.assert_array_equal(track.times_s, np.arange(6.0))
     assert first[0].start_s == 5.0
     np.testing.assert_allclose(first[0].poses[0], track.poses[-1], atol=1e-12)
-    np.testing.assert_allclose(first[0].poses[-1][:2, 3], [15.0, 6.0], atol=1e-4)
+    np.testing.assert_allclose(first[0].poses[-1][:2, 3], [15.0, 6.0], atol=1e-12)
     results = read_result(out / "result.json").results["past"]
     assert results["format"] == kind
     assert results["poses"] == {"a": 6, "b": 6}
