@@ -25,6 +25,7 @@ from fgplan.typing import FloatArray, IntArray
 
 FOREVER = 2**62
 _HORIZON = 64
+_MOST_KINDS = 255
 
 
 class Prepared(NamedTuple):
@@ -50,7 +51,11 @@ class Prepared(NamedTuple):
 
 
 def prepare(
-    problem: AcquisitionProblem, options: TreeOptions, fields: GeodesicFields | None = None
+    problem: AcquisitionProblem,
+    options: TreeOptions,
+    fields: GeodesicFields | None = None,
+    *,
+    apart: bool = False,
 ) -> Prepared:
     """Make a problem ready for the kernels.
 
@@ -58,11 +63,20 @@ def prepare(
         problem: What is planned for.
         options: How.
         fields: Geodesic distances of the same workspace and start, to be used again.
+        apart: Whether every robot is a kind of its own, so that what one robot's tree reaches does
+            not depend on the others': what trees of single robots need.
 
     Returns:
         Arrays.
+
+    Raises:
+        InvalidInputError: If there are more kinds than a table of poses can name.
     """
-    kinds, kind = _kinds(problem)
+    kinds, kind = _kinds(problem, apart=apart)
+    if len(kinds) > _MOST_KINDS:
+        raise InvalidInputError(
+            f"robots: expected at most {_MOST_KINDS} kinds of robots, got {len(kinds)}"
+        )
     if fields is None:
         longest = max(np.abs(robot.primitives.relative[:, :2]).max() for robot in problem.robots)
         cell = options.geodesic_cell_m or float(longest)
@@ -249,8 +263,12 @@ def _predicted(
     return places, np.ascontiguousarray(rows)
 
 
-def _kinds(problem: AcquisitionProblem) -> tuple[list[SensingRobot], IntArray]:
+def _kinds(
+    problem: AcquisitionProblem, *, apart: bool
+) -> tuple[list[SensingRobot], IntArray]:
     """One robot of each kind (same primitives, same sensors), and each robot's kind."""
+    if apart:
+        return list(problem.robots), np.arange(len(problem.robots))
     found: list[int] = []
     kind = np.zeros(len(problem.robots), dtype=np.int64)
     for j, robot in enumerate(problem.robots):

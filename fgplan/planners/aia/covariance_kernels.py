@@ -60,7 +60,7 @@ class Criteria(NamedTuple):
 
 
 @njit(**UNCOUNTED)
-def _measure(row: FloatArray, information: FloatArray) -> None:
+def measure_row(row: FloatArray, information: FloatArray) -> None:
     """Update every target that was measured, in place."""
     for o in range(0, row.shape[0], 3):
         jxx, jxy, jyy = information[o], information[o + 1], information[o + 2]
@@ -76,7 +76,7 @@ def _measure(row: FloatArray, information: FloatArray) -> None:
 
 
 @njit(**UNCOUNTED)
-def _predict(
+def predict_row(
     row: FloatArray, identity: bool, transition: FloatArray, process: FloatArray, t: int
 ) -> None:
     """Predict every target from t to t + 1, in place."""
@@ -119,13 +119,13 @@ def propagate_row(
         information: J, as long: of the configuration at t, or at t + 1 if ``at_child``.
     """
     if still:
-        _measure(row, information)
+        measure_row(row, information)
     elif at_child:
-        _predict(row, identity, transition, process, t)
-        _measure(row, information)
+        predict_row(row, identity, transition, process, t)
+        measure_row(row, information)
     else:
-        _measure(row, information)
-        _predict(row, identity, transition, process, t)
+        measure_row(row, information)
+        predict_row(row, identity, transition, process, t)
 
 
 @njit(**UNCOUNTED)

@@ -38,6 +38,8 @@ from fgplan.typing import FloatArray, IntArray
 
 AHEAD = 1e-3
 """Weight of the distance that a heading leads to: it decides between equal ends."""
+MOST_TRIES = 64
+"""Rejections after which a group that is not of the deepest is found by counting."""
 
 
 @njit(**UNCOUNTED)
@@ -56,10 +58,17 @@ def draw_group(
     biased = rng.random() < p_group
     if biased or groups == deep:
         return int(deepest[int(rng.random() * deep)])
-    while True:
+    for _ in range(MOST_TRIES):
         k = int(rng.random() * groups)
         if stamp[k] != counts[DEPTH]:
             return k
+    place = int(rng.random() * (groups - deep))  # nearly all are deepest: count the others
+    for k in range(groups):
+        if stamp[k] != counts[DEPTH]:
+            if place == 0:
+                return k
+            place -= 1
+    return int(deepest[0])
 
 
 @njit(**UNCOUNTED)

@@ -1,0 +1,272 @@
+"""Compiled: a robot's group extended to a new pose, section III-A2 of Tzes et al. 2021.
+
+For every node of the group: the nodes of the neighbours that are fused, the filter (4), the new
+node with its cost (7), its goal test and its target. A node already extended to this pose with the
+same nodes of the neighbours is not extended again: V is a set.
+"""
+
+from typing import NamedTuple
+
+from numba import njit
+
+from fgplan.planners.aia.compilation import UNCOUNTED
+from fgplan.planners.aia.covariance_kernels import (
+    predict_row,
+    read_numbers,
+    shortfall_of,
+    total_of,
+)
+from fgplan.planners.aia.information_kernels import team_information
+from fgplan.planners.aia.pose_kernels import Poses
+from fgplan.planners.aia.tree_kernels import (
+    BEST,
+    CLOSEST,
+    COST,
+    GOALS,
+    NODES,
+    REPEATED,
+    SHORTFALL,
+    Scratch,
+    Setting,
+    Settings,
+    Tree,
+    find_group,
+    link_node,
+)
+from fgplan.planners.distributed_aia.assignment_kernels import assign_robot
+from fgplan.planners.distributed_aia.candidate_kernels import draw_candidate
+from fgplan.planners.distributed_aia.forest_kernels import (
+    FUSED,
+    MEASURED,
+    SWEEP,
+    Forest,
+    Links,
+    log_determinant,
+)
+from fgplan.planners.distributed_aia.fusion_kernels import fuse_rows, is_near, predict_lag
+from fgplan.planners.distributed_aia.stream import Stream
+from fgplan.typing import BoolArray, FloatArray, IntArray
+
+
+class Heard(NamedTuple):
+    """Room for what one extension hears.
+
+    Attributes:
+        covariance: Of the neighbours that are linked, shape (D, 3 M).
+        node: Node of each neighbour's tree, -1 where nothing is known of it, shape (D,).
+        taken: Targets that linked neighbours go for, shape (M,).
+    """
+
+    covariance: FloatArray
+    node: IntArray
+    taken: BoolArray
+
+
+@njit(**UNCOUNTED)
+def hear_neighbours(
+    setting: Setting,
+    links: Links,
+    forest: Forest,
+    heard: Heard,
+    r: int,
+    node: int,
+    stream: Stream,
+) -> int:
+    """Draw the nodes of all neighbours for extending a node; how many are linked at its time."""
+    covariance, used, taken = heard.covariance, heard.node, heard.taken
+    robot, t = links.robot[r], int(forest.depth[r, node])
+    step = t % links.linked.shape[0]
+    count = 0
+    for i in range(taken.shape[0]):
+        taken[i] = False
+    for d in range(used.shape[0]):
+        other = links.neighbour[r, d]
+        used[d] = -1
+        if other < 0:
+            continue
+        chosen = draw_candidate(
+            forest.first_child[other],
+            forest.next_sibling[other],
+            forest.depth[other],
+            forest.uncertainty[other],
+            int(forest.source[r, node, d]),
+            t,
+            forest.known[other],
+            links.p_candidate,
+            stream,
+        )
+        used[d] = chosen
+        if chosen < 0 or not links.linked[step, robot, links.robot[other]]:
+            continue
+        if not is_near(
+            forest.position[r, node, 0],
+            forest.position[r, node, 1],
+            forest.position[other, chosen, 0],
+            forest.position[other, chosen, 1],
+            links.range_m,
+        ):
+            continue
+        for c in range(covariance.shape[1]):
+            covariance[count, c] = forest.covariance[other, chosen, c]
+        lag = t - int(forest.depth[other, chosen])
+        if lag > 0 and not links.literal:
+            predict_lag(covariance[count], setting.dynamics, t, lag)
+        taken[forest.assigned[other, chosen, 0]] = True
+        count += 1
+    return count
+
+
+@njit(**UNCOUNTED)
+def is_there(tree: Tree, source: IntArray, node: int, k: int, used: IntArray) -> bool:
+    """Whether a node has a child in a group that was made with the same nodes of others."""
+    child = tree.first_child[node]
+    while child >= 0:
+        if tree.group[child] == k:
+            same = True
+            for d in range(used.shape[0]):
+                same = same and source[child, d] == used[d]
+            if same:
+                return True
+        child = tree.next_sibling[child]
+    return False
+
+
+@njit(**UNCOUNTED)
+def enter_node(
+    setting: Setting,
+    settings: Settings,
+    poses: Poses,
+    tree: Tree,
+    scratch: Scratch,
+    forest: Forest,
+    heard: Heard,
+    r: int,
+    parent: int,
+    k: int,
+    place: int,
+    cost: float,
+) -> int:
+    """Append the node whose covariance is in its row and whose objective's numbers in scratch.
+
+    Returns:
+        Its group.
+    """
+    criteria, fields, counts, best = setting.criteria, setting.fields, tree.counts, tree.best
+    numbers, satisfied = scratch.numbers, scratch.satisfied
+    node = counts[NODES]
+    k = link_node(tree, parent, k, place, tree.drawn, cost)
+    covariance = tree.covariance[node]
+    if criteria.terminal != criteria.objective:
+        read_numbers(covariance, criteria.terminal, numbers)
+    shortfall = shortfall_of(
+        numbers,
+        criteria.terminal,
+        criteria.terminal_scope,
+        criteria.threshold,
+        criteria.satisfied,
+        satisfied,
+    )
+    if shortfall < best[SHORTFALL]:
+        best[SHORTFALL] = shortfall
+        counts[CLOSEST] = node
+    forest.is_goal[r, node] = shortfall <= 1.0
+    if shortfall <= 1.0:
+        counts[GOALS] += 1
+        if cost < best[COST]:
+            best[COST] = cost
+            counts[BEST] = node
+    row = tree.drawn[0]
+    inherited = -1 if parent < 0 else int(tree.assigned[parent, 0])
+    if settings.assign or parent < 0:
+        t = min(int(tree.depth[node]), fields.of_target.shape[0] - 1)
+        inherited = assign_robot(
+            fields.distance_m,
+            fields.of_target[t],
+            poses.cell[row],
+            satisfied,
+            inherited,
+            heard.taken,
+        )
+    tree.assigned[node, 0] = inherited
+    forest.uncertainty[r, node] = log_determinant(covariance)
+    forest.position[r, node, 0] = poses.pose[row, 0]
+    forest.position[r, node, 1] = poses.pose[row, 1]
+    forest.born[r, node] = forest.clock[SWEEP]
+    for d in range(heard.node.shape[0]):
+        forest.source[r, node, d] = heard.node[d]
+    return k
+
+
+@njit(**UNCOUNTED)
+def extend_robot(
+    setting: Setting,
+    settings: Settings,
+    links: Links,
+    poses: Poses,
+    tree: Tree,
+    scratch: Scratch,
+    forest: Forest,
+    heard: Heard,
+    r: int,
+    k: int,
+    stream: Stream,
+) -> None:
+    """Extend a group of row r to the pose ``tree.drawn``.
+
+    Where:
+        setting: Of this robot alone.
+        k: The group; the nodes that it holds on entry are extended, or one of them.
+    """
+    criteria, dynamics, counts = setting.criteria, setting.dynamics, tree.counts
+    information, seen_from = scratch.information, scratch.rows
+    new, place = find_group(tree.slots, tree.configuration, tree.drawn)
+    node, last = int(tree.head[k]), int(tree.tail[k])
+    if settings.one_node:
+        node = last
+        if stream.random() >= settings.p_group:
+            node = int(tree.head[k])
+            for _ in range(int(stream.random() * tree.size[k])):
+                node = int(tree.next_in_group[node])
+        last = node
+    seen_from[0] = tree.configuration[k, 0]
+    known = -1  # time of the information at hand: the same for all times where targets stay
+    while True:
+        following = int(tree.next_in_group[node])
+        t = int(tree.depth[node])
+        count = hear_neighbours(setting, links, forest, heard, r, node, stream)
+        if new >= 0 and is_there(tree, forest.source[r], node, new, heard.node):
+            counts[REPEATED] += 1
+        else:
+            if known != (0 if setting.sight.fixed else t):
+                team_information(setting.sight, setting.obstacles, poses, seen_from, t, information)
+                known = 0 if setting.sight.fixed else t
+            covariance = tree.covariance[counts[NODES]]  # the caller has made room
+            for c in range(covariance.shape[0]):
+                covariance[c] = tree.covariance[node, c]
+            fuse_rows(covariance, heard.covariance, count, information, links.kappa)
+            if not dynamics.still:
+                predict_row(
+                    covariance, dynamics.identity, dynamics.transition, dynamics.process, t
+                )
+            counts[FUSED] += 1 + count
+            counts[MEASURED] += 1
+            read_numbers(covariance, criteria.objective, scratch.numbers)
+            term = total_of(scratch.numbers, criteria.objective, criteria.objective_scope)
+            cost = float(tree.cost[node]) + term
+            new = enter_node(
+                setting,
+                settings,
+                poses,
+                tree,
+                scratch,
+                forest,
+                heard,
+                r,
+                node,
+                new,
+                place,
+                cost,
+            )
+        if node == last:
+            break
+        node = following

@@ -1,0 +1,373 @@
+"""Trees that grow: what holds the kernels' arrays, for a whole team in one process or one robot.
+
+``run`` is a loop over the compiled ``grow_forest`` that makes room when asked to. A robot on its
+own has a row that grows and one for each neighbour, filled by ``receive``; everything else is the
+same code, so a team in one process and robots that exchange messages grow the same trees.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from fgplan.errors import InvalidInputError
+from fgplan.planners.aia.arrays import further, prepare, settings_of
+from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
+from fgplan.planners.aia.geodesic_fields import GeodesicFields
+from fgplan.planners.aia.pose_kernels import enter_pose
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.tree import make_poses, make_scratch, more_poses
+from fgplan.planners.aia.tree_kernels import (
+    CLOSEST,
+    FEASIBLE,
+    GOALS,
+    ITERATIONS,
+    NEED_NODES,
+    NEED_POSES,
+    NEED_TIME,
+    NODE_LIMIT,
+    NODES,
+    REJECTED,
+    REPEATED,
+    SHORTFALL,
+    Setting,
+    find_group,
+)
+from fgplan.planners.distributed_aia.extension_kernels import enter_node
+from fgplan.planners.distributed_aia.forest import (
+    bytes_per_node,
+    make_forest,
+    make_heard,
+    tree_of,
+    with_room,
+)
+from fgplan.planners.distributed_aia.forest_kernels import (
+    FUSED,
+    MEASURED,
+    NEED_NUMBERS,
+    SWEEP,
+    Links,
+    receive_nodes,
+)
+from fgplan.planners.distributed_aia.node_message import NodeMessage
+from fgplan.planners.distributed_aia.options import DistributedOptions
+from fgplan.planners.distributed_aia.stream import RESERVE, refilled
+from fgplan.planners.distributed_aia.sweep_kernels import grow_forest
+from fgplan.team.communication_graph import CommunicationGraph
+from fgplan.typing import FloatArray
+
+Ended = Literal["sweeps", "feasible", "nodes"]
+_FIRST_NODES = 512
+
+
+class ForestGrowth:
+    """Trees of the robots that grow here."""
+
+    def __init__(
+        self,
+        problem: AcquisitionProblem,
+        options: DistributedOptions,
+        graph: CommunicationGraph,
+        generators: Sequence[np.random.Generator],
+        *,
+        robot: int | None = None,
+        fields: GeodesicFields | None = None,
+    ) -> None:
+        """Make room and plant the roots.
+
+        Args:
+            problem: What is planned for: independent targets in the plane, built-in sensors.
+            options: How.
+            graph: Who hears whom.
+            generators: Source of random numbers of each robot of the team.
+            robot: The robot that grows here; None for all.
+            fields: Geodesic distances to be used again.
+
+        Raises:
+            InvalidInputError: If the problem is of a kind that these trees do not know.
+        """
+        _check(problem, graph)
+        self.problem, self.options, self.graph = problem, options, graph
+        team = range(len(problem.robots))
+        own = list(team) if robot is None else [robot]
+        self.robots = own + [j for j in team if j not in own and j in graph.ever(own[0])]
+        """Robot of each row; those that grow here come first."""
+        self.prepared = prepare(problem, options.tree(), fields, apart=True)
+        self.settings = settings_of(options.tree(), self.prepared)
+        self.poses = make_poses(self.prepared)
+        # One robot looks, not the team.
+        self.scratch = make_scratch(self.prepared)._replace(rows=np.zeros(1, dtype=np.int64))
+        degree = max(1, *(len(graph.ever(j)) for j in own))
+        self.heard = make_heard(self.prepared, degree)
+        self.forest = make_forest(self.prepared, len(self.robots), degree, _FIRST_NODES)
+        self.links = _links(graph, options, self.robots, len(own), degree)
+        self._own = len(own)
+        self._generators = [generators[j] for j in own]
+        self._numbers = np.zeros((len(self.robots), 0))
+        self._place = np.zeros((len(self.robots), 1), dtype=np.int64)
+        self._more_numbers(RESERVE)
+        most = self.prepared.setting.motions.relative.shape[1]
+        self._ends = np.empty((most, 3))
+        self._cells = np.zeros(most, dtype=np.int64)
+        self._found = np.empty(most, dtype=np.int64)
+        self.forest.known[self._own :] = np.iinfo(np.int64).max
+        for row in range(self._own):
+            self._plant(row)
+
+    def run(self, sweeps: int) -> Ended:
+        """Grow.
+
+        Args:
+            sweeps: How many more at most.
+
+        Returns:
+            Why it ended; ``feasible`` after a sweep with new goal nodes.
+        """
+        last = self.sweep + sweeps
+        while True:
+            ended = grow_forest(
+                self.prepared.setting,
+                self.settings,
+                self.links,
+                self.poses,
+                self.forest,
+                self.scratch,
+                self.heard,
+                self._ends,
+                self._cells,
+                self._found,
+                self._numbers,
+                self._place,
+                last - self.sweep,
+            )
+            if not self._made_room(ended):
+                break
+        if ended == FEASIBLE:
+            return "feasible"
+        return "nodes" if ended == NODE_LIMIT else "sweeps"
+
+    @property
+    def sweep(self) -> int:
+        """Sweeps that are over."""
+        return int(self.forest.clock[SWEEP])
+
+    def nodes(self, row: int) -> int:
+        """Number of nodes of a row that grows here.
+
+        Args:
+            row: The row.
+        """
+        return int(self.forest.counts[row, NODES])
+
+    def goal_nodes(self, row: int, born_since: int = 0) -> list[int]:
+        """Goal nodes of a row that grows here, cheapest first, at most ``goals_kept``.
+
+        Args:
+            row: The row.
+            born_since: Only nodes made in this sweep or later.
+        """
+        made = slice(0, self.nodes(row))
+        chosen = self.forest.is_goal[row, made] & (self.forest.born[row, made] >= born_since)
+        found = np.flatnonzero(chosen)
+        order = np.argsort(self.forest.cost[row, found], kind="stable")
+        return [int(node) for node in found[order][: self.options.goals_kept]]
+
+    def goals_looked_at(self) -> None:
+        """From now on ``run`` stops for new goal nodes only."""
+        self.forest.goals[:] = self.forest.counts[:, GOALS]
+
+    def rest(self, rows: Sequence[int]) -> None:
+        """Rows that grow no more.
+
+        Args:
+            rows: The rows.
+        """
+        grows = self.links.grows.copy()
+        grows[list(rows)] = False
+        self.links = self.links._replace(grows=grows)
+
+    def message(self, row: int, first: int) -> NodeMessage:
+        """Nodes of a row that grows here, from a number on.
+
+        Args:
+            row: The row.
+            first: The first.
+        """
+        forest, made = self.forest, slice(first, self.nodes(row))
+        return NodeMessage.of(
+            first=first,
+            parents=forest.parent[row, made],
+            depths=forest.depth[row, made],
+            covariances=forest.covariance[row, made],
+            assigned=forest.assigned[row, made, 0],
+            positions=forest.position[row, made],
+        )
+
+    def receive(self, robot: int, message: NodeMessage) -> None:
+        """Enter nodes of a neighbour.
+
+        Args:
+            robot: The neighbour.
+            message: What it sent; doubled or late ones do no harm.
+        """
+        row = self.robots.index(robot)
+        parents, depths, covariances, assigned, positions = message.arrays(self.problem.targets)
+        self._room_for(message.first + len(parents))
+        receive_nodes(
+            self.forest, row, message.first, parents, depths, covariances, assigned, positions
+        )
+
+    @property
+    def bytes_per_node(self) -> float:
+        """Memory by room for a node."""
+        return bytes_per_node(self.forest)
+
+    @property
+    def shortfall(self) -> float:
+        """Least shortfall of any node of a row that grows here."""
+        return float(self.forest.best[: self._own, SHORTFALL].min())
+
+    def closest(self) -> tuple[int, int]:
+        """Row and number of the node of least shortfall."""
+        row = int(np.argmin(self.forest.best[: self._own, SHORTFALL]))
+        return row, int(self.forest.counts[row, CLOSEST])
+
+    def counted(self) -> dict[str, int]:
+        """What was counted, over all rows that grow here."""
+        places = {
+            "nodes": NODES,
+            "iterations": ITERATIONS,
+            "feasible_nodes": GOALS,
+            "rejected_draws": REJECTED,
+            "repeated": REPEATED,
+            "covariances_fused": FUSED,
+            "measurement_models": MEASURED,
+        }
+        sums = self.forest.counts[: self._own].sum(axis=0)
+        return {name: int(sums[place]) for name, place in places.items()}
+
+    def poses_to(self, row: int, nodes: Sequence[int]) -> FloatArray:
+        """Poses of nodes of a row that grows here.
+
+        Args:
+            row: The row.
+            nodes: Their numbers.
+
+        Returns:
+            Shape (n, 3), world frame.
+        """
+        groups = self.forest.group[row, list(nodes)]
+        return np.array(self.poses.pose[self.forest.configuration[row, groups, 0]])
+
+    def setting_until(self, time: int) -> Setting:
+        """What the kernels read, with targets predicted until a time at least.
+
+        Args:
+            time: Last time asked for.
+        """
+        while 1 < len(self.prepared.setting.sight.places) <= time:
+            self.prepared = further(self.prepared, self.problem)
+        return self.prepared.setting
+
+    def _plant(self, row: int) -> None:
+        """Make the root q_i(0) = [p_i(0), Sigma_i(0), {}]."""
+        setting, tree = self.prepared.setting, tree_of(self.forest, row)
+        j = self.robots[row]
+        pose = map(float, self.problem.robots[j].pose)
+        tree.drawn[0] = enter_pose(self.poses, setting.fields.frame, setting.kind[j], *pose)
+        tree.covariance[0] = self.prepared.root
+        criteria, numbers = setting.criteria, self.scratch.numbers
+        read_numbers(self.prepared.root, criteria.objective, numbers)
+        cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        _, place = find_group(tree.slots, tree.configuration, tree.drawn)
+        enter_node(
+            setting,
+            self.settings,
+            self.poses,
+            tree,
+            self.scratch,
+            self.forest,
+            self.heard,
+            row,
+            -1,
+            -1,
+            place,
+            cost,
+        )
+
+    def _made_room(self, ended: int) -> bool:
+        """Make the room that a kernel asked for; False where it asked for none."""
+        if ended == NEED_NODES:
+            self._room_for(self.forest.parent.shape[1] + 1)
+        elif ended == NEED_POSES:
+            self.poses = more_poses(self.poses)
+        elif ended == NEED_TIME:
+            self.prepared = further(self.prepared, self.problem)
+        elif ended == NEED_NUMBERS:
+            left = self._numbers.shape[1] - int(self._place[: self._own].min())
+            self._more_numbers(max(RESERVE, 2 * left))
+        else:
+            return False
+        return True
+
+    def _more_numbers(self, least: int) -> None:
+        """Draw further random numbers for every row that grows here."""
+        own = slice(0, self._own)
+        place = self._place[own]
+        fresh = refilled(self._numbers[own], place, tuple(self._generators), least)
+        self._numbers = np.zeros((len(self.robots), fresh.shape[1]))
+        self._numbers[own] = fresh
+        self._place[own] = place
+
+    def _room_for(self, nodes: int) -> None:
+        """Room for nodes up to a number, doubled where there is not enough."""
+        room = self.forest.parent.shape[1]
+        if nodes > room:
+            while room < nodes:
+                room *= 2
+            self.forest = with_room(self.forest, room)
+
+
+def _check(problem: AcquisitionProblem, graph: CommunicationGraph) -> None:
+    """Refuse what the trees do not know."""
+    names = tuple(robot.name for robot in problem.robots)
+    if tuple(graph.robots) != names:
+        raise InvalidInputError(
+            f"communication graph: expected the team {', '.join(names)}, got "
+            f"{', '.join(graph.robots)}"
+        )
+    for robot in problem.robots:
+        if robot.goal is not None:
+            raise InvalidInputError(
+                f"robot {robot.name!r}: planner distributed_aia has no terminal goals; leave out "
+                "terminal_goals or use planner aia"
+            )
+    if not problem.packed:
+        raise InvalidInputError(
+            "planner distributed_aia: expected independent targets in the plane and sensors of "
+            "points; use planner aia for a coupled hidden state"
+        )
+
+
+def _links(
+    graph: CommunicationGraph,
+    options: DistributedOptions,
+    robots: Sequence[int],
+    own: int,
+    degree: int,
+) -> Links:
+    """The communication graph as the kernels read it."""
+    neighbour = np.full((len(robots), degree), -1, dtype=np.int64)
+    for row in range(own):
+        for place, other in enumerate(graph.ever(robots[row])):
+            neighbour[row, place] = robots.index(other)
+    return Links(
+        robot=np.array(robots, dtype=np.int64),
+        grows=np.arange(len(robots)) < own,
+        neighbour=neighbour,
+        linked=graph.periods(),
+        range_m=graph.range_m,
+        p_candidate=options.p_candidate,
+        kappa=options.kappa,
+        literal=options.empty_set == "literal",
+    )

@@ -1,0 +1,162 @@
+"""What a robot tells its neighbours after each sweep: the nodes that it has made.
+
+Remark 2 of Tzes et al. 2021 asks and answers: robot i sends the set S_i, and gets one covariance of
+each neighbour. Here a robot sends each new node once, unasked, so that a neighbour draws among
+them by itself: the same covariances travel, in one trip instead of two, and a message that is lost
+or late leaves the trees valid.
+
+A node is 4 bytes for its parent, 4 for its depth, 2 for its target, 16 for its position and 24 a
+target for its covariance.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from fgplan.errors import InvalidInputError
+from fgplan.typing import FloatArray, IntArray
+
+_PARTS: tuple[tuple[str, Any], ...] = (
+    ("parents", np.dtype("<i4")),
+    ("depths", np.dtype("<i4")),
+    ("covariances", np.dtype("<f8")),
+    ("assigned", np.dtype("<u2")),
+    ("positions", np.dtype("<f8")),
+)
+MOST_NODES = 2**31 - 1
+
+
+class NodeMessage(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag="nodes.v1",
+    tag_field="schema",
+):
+    """Consecutive nodes of one robot's tree.
+
+    Attributes:
+        first: Number of the first one.
+        parents: Number of each one's parent, -1 for the root.
+        depths: Steps from the root.
+        covariances: (xx, xy, yy) of each target, square metres, before measuring there.
+        assigned: Target of the robot.
+        positions: Of the robot, metres, world frame.
+    """
+
+    first: Annotated[int, msgspec.Meta(ge=0, le=MOST_NODES)]
+    parents: bytes
+    depths: bytes
+    covariances: bytes
+    assigned: bytes
+    positions: bytes
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        first: int,
+        parents: IntArray,
+        depths: IntArray,
+        covariances: FloatArray,
+        assigned: IntArray,
+        positions: FloatArray,
+    ) -> "NodeMessage":
+        """A message of arrays.
+
+        Args:
+            first: Number of the first node.
+            parents: Shape (n,).
+            depths: Shape (n,).
+            covariances: Shape (n, 3 M), square metres.
+            assigned: Shape (n,).
+            positions: Shape (n, 2), metres.
+        """
+        given = (parents, depths, covariances, assigned, positions)
+        parts = {
+            name: np.ascontiguousarray(array, dtype=kind).tobytes()
+            for (name, kind), array in zip(_PARTS, given, strict=True)
+        }
+        return cls(first=first, **parts)
+
+    def __len__(self) -> int:
+        """Number of nodes."""
+        return len(self.parents) // 4
+
+    @property
+    def byte_size(self) -> int:
+        """Bytes of the message as msgpack, without its envelope."""
+        return len(msgspec.msgpack.encode(self))
+
+    def arrays(
+        self, targets: int
+    ) -> tuple[IntArray, IntArray, FloatArray, IntArray, FloatArray]:
+        """Parents, depths, covariances, targets and positions, checked.
+
+        Args:
+            targets: Number of targets M.
+
+        Returns:
+            Shapes (n,), (n,), (n, 3 M), (n,) and (n, 2).
+
+        Raises:
+            InvalidInputError: If sizes do not fit each other, a number is not finite, a covariance
+                is not positive definite, or a parent does not come before its child.
+        """
+        count = len(self)
+        parts = dict(self._read(count, targets))
+        parents, depths, covariances = parts["parents"], parts["depths"], parts["covariances"]
+        covariances = covariances.reshape(count, 3 * targets)
+        positions = parts["positions"].reshape(count, 2)
+        numbers = self.first + np.arange(count)
+        least = np.where(numbers == 0, -1, 0)
+        if ((parents < least) | (parents >= numbers)).any() or (
+            (depths == 0) != (numbers == 0)
+        ).any():
+            raise InvalidInputError("nodes: expected each parent before its child, and one root")
+        if (depths < 0).any() or (parts["assigned"] >= targets).any():
+            raise InvalidInputError(
+                f"nodes: expected depths of at least 0 and targets below {targets}"
+            )
+        if not np.isfinite(covariances).all() or not np.isfinite(positions).all():
+            raise InvalidInputError("nodes: expected finite covariances and positions")
+        xx, xy, yy = covariances[:, 0::3], covariances[:, 1::3], covariances[:, 2::3]
+        if not ((xx > 0.0) & (xx * yy - xy * xy > 0.0)).all():
+            raise InvalidInputError("nodes: expected positive definite covariances")
+        return parents, depths, covariances, parts["assigned"], positions
+
+    def _read(self, count: int, targets: int) -> Iterator[tuple[str, Any]]:
+        """Every part as an array, its size checked."""
+        wide = {"covariances": 3 * targets, "positions": 2}
+        for name, kind in _PARTS:
+            data = getattr(self, name)
+            expected = count * wide.get(name, 1) * kind.itemsize
+            if len(data) != expected:
+                raise InvalidInputError(
+                    f"nodes: {name}: expected {expected} bytes for {count} nodes, got {len(data)}"
+                )
+            yield name, np.frombuffer(data, dtype=kind)
+
+
+_DECODER = msgspec.msgpack.Decoder(NodeMessage)
+
+
+def read_nodes(data: bytes) -> NodeMessage:
+    """Read a message of nodes; ``arrays`` checks what is in it.
+
+    Args:
+        data: Payload of an envelope.
+
+    Returns:
+        The message.
+
+    Raises:
+        InvalidInputError: If it is malformed.
+    """
+    try:
+        return _DECODER.decode(data)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise InvalidInputError(f"nodes: {error}") from error

@@ -1,0 +1,149 @@
+"""Options of the planner ``distributed_aia`` and its presets.
+
+``paper`` is Algorithms 1 and 2 of Tzes et al. 2021 as far as their text goes: the whole group is
+extended, a draw that hits an obstacle is rejected, controls are drawn uniformly within sensing range
+(9), the covariance of a neighbour's node that lags is fused as it is (Remark 3). ``reproduction``
+extends one node of a group a visit, draws controls uniformly within 0.3 m only, and predicts
+covariances that lag. What the text does not give, p_C and kappa among it, is ours everywhere.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, get_args
+
+from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until
+
+EmptySet = Literal["predict", "literal"]
+ConstraintAt = Literal["one", "all"]
+
+_OF_TREE = (
+    "p_group",
+    "p_control",
+    "near_m",
+    "near_controls",
+    "uniform_after",
+    "reject_jointly",
+    "expand",
+    "until",
+    "iterations",
+    "node_budget",
+    "seconds",
+    "geodesic_cell_m",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DistributedOptions:
+    """How the trees are grown; names that ``aia`` has too mean the same, for one robot's tree.
+
+    Attributes:
+        p_group: p_V of (8).
+        p_control: p_U of (9).
+        p_candidate: p_C of (10).
+        kappa: Weight of the most certain robot in the filter (4), target by target; the others
+            share the rest.
+        near_m: Distance to the target below which controls are drawn uniformly; None takes the
+            sensing range.
+        near_controls: What is drawn within it: ``uniform``, or ``circle`` the target.
+        uniform_after: When a robot's draws become uniform.
+        reject_jointly: Draw from all controls and reject; otherwise draw from the free ones.
+        expand: Extend the whole group, or one ``node`` of it.
+        empty_set: What is fused where a neighbour has no admissible node: its last covariance
+            predicted forward, or ``literal``, as it is (Remark 3).
+        constraint_at: Whether the terminal constraint holds at ``one`` robot at least, or at all.
+        until: End with the first feasible plan, or when a budget is spent.
+        iterations: Most iterations of each robot; None has no limit.
+        node_budget: Most nodes of each robot.
+        seconds: Longest time; None has no limit.
+        goals_kept: Goal nodes of each robot, cheapest first, of which team paths are made.
+        geodesic_cell_m: As of ``aia``.
+    """
+
+    p_group: float = 0.9
+    p_control: float = 0.9
+    p_candidate: float = 0.9
+    kappa: float = 0.9
+    near_m: float | None = None
+    near_controls: Near = "uniform"
+    uniform_after: Switch | int = "feasible"
+    reject_jointly: bool = False
+    expand: Expand = "group"
+    empty_set: EmptySet = "predict"
+    constraint_at: ConstraintAt = "one"
+    until: Until = "first_feasible"
+    iterations: int | None = None
+    node_budget: int = 100_000
+    seconds: float | None = None
+    goals_kept: int = 32
+    geodesic_cell_m: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        self.tree()
+        for name, allowed in (
+            ("empty_set", get_args(EmptySet)),
+            ("constraint_at", get_args(ConstraintAt)),
+        ):
+            if getattr(self, name) not in allowed:
+                raise InvalidInputError(
+                    f"planner option {name}: expected one of {', '.join(allowed)}, got "
+                    f"{getattr(self, name)!r}"
+                )
+        if not 0.0 < self.p_candidate < 1.0:
+            raise InvalidInputError(
+                "planner option p_candidate: expected a number between 0 and 1, or Assumption 4 "
+                f"fails, got {self.p_candidate!r}"
+            )
+        if not 0.5 <= self.kappa < 1.0:
+            raise InvalidInputError(
+                "planner option kappa: expected at least 0.5 and less than 1, the weight of the "
+                f"most certain robot, got {self.kappa!r}"
+            )
+        if isinstance(self.goals_kept, bool) or self.goals_kept < 1:
+            raise InvalidInputError(
+                f"planner option goals_kept: expected at least 1, got {self.goals_kept!r}"
+            )
+
+    def tree(self) -> TreeOptions:
+        """The options of one robot's tree, as those of ``aia``.
+
+        Raises:
+            InvalidInputError: If one is not usable.
+        """
+        return TreeOptions(**{name: getattr(self, name) for name in _OF_TREE})
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "paper": {"reject_jointly": True, "empty_set": "literal"},
+    "reproduction": {"near_m": 0.3, "expand": "node"},
+}
+"""What each preset changes of the defaults."""
+
+
+def distributed_options(preset: str = "reproduction", **kwargs: Any) -> DistributedOptions:  # noqa: ANN401
+    """Options of a preset, some changed.
+
+    Args:
+        preset: ``paper`` or ``reproduction``.
+        **kwargs: Options by name.
+
+    Returns:
+        The options.
+
+    Raises:
+        OptionError: If the preset or an option is not known, or a value is not usable.
+    """
+    if preset not in PRESETS:
+        raise OptionError(
+            f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
+        )
+    known = [option.name for option in fields(DistributedOptions)]
+    for name in kwargs:
+        if name not in known:
+            raise OptionError(
+                f"option {name!r} of planner 'distributed_aia': expected one of {', '.join(known)}"
+            )
+    try:
+        return replace(DistributedOptions(**PRESETS[preset]), **kwargs)
+    except (FgplanError, TypeError) as error:
+        raise OptionError(str(error)) from error

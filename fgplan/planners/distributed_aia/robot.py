@@ -1,0 +1,361 @@
+"""A robot that plans with its neighbours, as a value: ``step(state, inbox) -> (state, outbox)``.
+
+Sweeps. A robot does its sweep s + 1 when it holds what every neighbour had made by its sweep s, or
+has waited long enough for it; what neighbours made later waits its turn. So trees depend neither on
+the order in which messages arrive nor on who is faster. A message that is lost leaves a hole in what
+is known of a neighbour: nodes that arrive later are used all the same (Remark 3).
+
+Plans. A robot that has made goal nodes claims the ways that they need, replays the team path, and
+keeps the cheapest that satisfies the constraint. It *reports* through a sweep when all its goal
+nodes up to there have been looked at: with ``first_feasible`` through the sweep of the earliest goal
+node that any report holds a plan of, with a budget through the last one. Who has the reports of its
+whole part of the team is finished, and holds the same plan as all others: that of the earliest
+sweep, of these the cheapest.
+
+The arrays of the tree are appended to in place: go on with the state that comes back.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import msgspec
+import numpy as np
+
+from fgplan.errors import InvalidInputError
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.distributed_aia.claims import (
+    OpenPlan,
+    answer_claim,
+    closed_plans,
+    first_claims,
+    take_way,
+)
+from fgplan.planners.distributed_aia.extraction import claim_order
+from fgplan.planners.distributed_aia.forest_growth import ForestGrowth
+from fgplan.planners.distributed_aia.node_message import NodeMessage, read_nodes
+from fgplan.planners.distributed_aia.options import DistributedOptions
+from fgplan.planners.distributed_aia.plan_messages import (
+    Ask,
+    Claim,
+    PlanMessage,
+    PlanningMessage,
+    Report,
+    WayMessage,
+    read_planning_message,
+)
+from fgplan.team.communication_graph import CommunicationGraph
+from fgplan.team.envelope import Envelope, Inbox, Outbox, Outgoing
+
+NODES = "nodes"
+SWEEPS_A_STEP = 64
+"""Sweeps that a robot without neighbours does in one step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSetup:
+    """What a robot knows before it plans.
+
+    Attributes:
+        robot: Its place in the team.
+        part: Robots with which it communicates, over others or not, itself included.
+        options: How trees are grown.
+        graph: Who hears whom.
+        wait_s: Seconds after which it no longer waits for a neighbour.
+        session: Number of the planning session.
+    """
+
+    robot: int
+    part: tuple[int, ...]
+    options: DistributedOptions
+    graph: CommunicationGraph
+    wait_s: float = 1.0
+    session: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+        return self.graph.robots[self.robot]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RobotState:
+    """A robot between two steps.
+
+    Attributes:
+        setup: What it knew before.
+        growth: Its tree and what it holds of its neighbours' trees; appended to in place.
+        told: Nodes that the neighbours have been told of.
+        sweeps_of: Sweeps that each neighbour was heard to have done, -1 for none.
+        waiting: Messages of nodes by (sweep, neighbour) whose turn has not come.
+        opened: Plans for which ways are still being collected.
+        best: The best plan of its own goal nodes.
+        looked_at: Sweeps whose goal nodes have been claimed for.
+        reports: By robot.
+        replayed: Candidates replayed and refused.
+        wake_s: When it wants to be stepped at the latest.
+    """
+
+    setup: RobotSetup
+    growth: ForestGrowth
+    told: int = 0
+    sweeps_of: dict[int, int] = field(default_factory=dict)
+    waiting: dict[tuple[int, int], NodeMessage] = field(default_factory=dict)
+    opened: tuple[OpenPlan, ...] = ()
+    best: PlanMessage | None = None
+    looked_at: int = 0
+    reports: dict[int, Report] = field(default_factory=dict)
+    replayed: tuple[int, int] = (0, 0)
+    wake_s: float = 0.0
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has the reports of its whole part, and nothing to look at before the plan."""
+        return all(robot in self.reports for robot in self.setup.part)
+
+    @property
+    def plan(self) -> PlanMessage | None:
+        """The best plan of all reports: the team's, once finished."""
+        plans = [report.plan for report in self.reports.values() if report.plan is not None]
+        return min(plans, key=lambda plan: plan.key, default=None)
+
+    @property
+    def ending(self) -> str:
+        """Why it grows no more, or nothing."""
+        options, growth = self.setup.options, self.growth
+        if options.iterations is not None and growth.sweep >= options.iterations:
+            return "iterations"
+        if growth.nodes(0) >= options.node_budget:
+            return "nodes"
+        plan = self.plan
+        if options.until == "first_feasible" and plan is not None and growth.sweep > plan.born:
+            return "feasible"
+        return ""
+
+
+def start_robot(
+    problem: AcquisitionProblem,
+    setup: RobotSetup,
+    generators: Sequence[np.random.Generator],
+) -> RobotState:
+    """A robot before its first step.
+
+    Args:
+        problem: What is planned for.
+        setup: What it knows.
+        generators: Source of random numbers of each robot of the team, the same at all.
+
+    Returns:
+        Its state; its first step tells the neighbours of its root.
+    """
+    growth = ForestGrowth(
+        problem, setup.options, setup.graph, generators, robot=setup.robot
+    )
+    return RobotState(
+        setup=setup,
+        growth=growth,
+        sweeps_of=dict.fromkeys(setup.graph.ever(setup.robot), -1),
+    )
+
+
+def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
+    """Take in what arrived, sweep as far as that goes, answer.
+
+    Args:
+        state: The robot.
+        inbox: Time and envelopes.
+
+    Returns:
+        The robot afterwards and what it sends.
+
+    Raises:
+        InvalidInputError: If a message is malformed.
+    """
+    before = (state.growth.sweep, len(state.reports))
+    out: list[Outgoing] = []
+    if state.told == 0:
+        state = _tell(state, out)
+    for envelope in inbox.envelopes:
+        if envelope.session != state.setup.session:
+            continue
+        state = _take_in(state, envelope, out)
+    late = inbox.now_s >= state.wake_s
+    for _ in range(SWEEPS_A_STEP):
+        if state.ending or not _is_ready(state, late=late):
+            break
+        late = False
+        state = _sweep(state, out)
+    state = _report(_close(state, out), out)
+    if state.finished:
+        return replace(state, wake_s=np.inf), tuple(out)
+    if before != (state.growth.sweep, len(state.reports)):
+        alone = not state.sweeps_of and not state.ending
+        wake_s = inbox.now_s + (0.0 if alone else state.setup.wait_s)
+        return replace(state, wake_s=wake_s), tuple(out)
+    if inbox.now_s >= state.wake_s:
+        _ask_again(state, out)
+        state = replace(state, wake_s=inbox.now_s + state.setup.wait_s)
+    return state, tuple(out)
+
+
+def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> RobotState:
+    """One message."""
+    sender = _place(state, envelope.robot)
+    if envelope.kind == NODES:
+        if sender not in state.sweeps_of:
+            raise InvalidInputError(
+                f"nodes of robot {envelope.robot!r}: robot {state.setup.name!r} does not hear it"
+            )
+        message = envelope.content or read_nodes(envelope.payload)
+        waiting = state.waiting | {(envelope.sequence, sender): message}
+        heard = max(state.sweeps_of[sender], envelope.sequence)
+        return replace(state, waiting=waiting, sweeps_of=state.sweeps_of | {sender: heard})
+    message = envelope.content or read_planning_message(envelope.payload)
+    if isinstance(message, Claim):
+        for other, answer in answer_claim(state.growth, message):
+            _send(state, out, answer, to=other)
+        return state
+    if isinstance(message, WayMessage):
+        opened, forwarded = take_way(state.setup.robot, state.setup.graph, state.opened, message)
+        if forwarded is not None:
+            _send(state, out, message, to=forwarded)
+        return replace(state, opened=opened)
+    if isinstance(message, Ask):
+        for robot, report in state.reports.items():
+            if robot not in message.has:
+                _send(state, out, report, to=sender)
+        return state
+    known = state.reports.get(message.robot)
+    if message.robot not in state.setup.part or (known and known.through >= message.through):
+        return state
+    _send(state, out, message, but=sender)
+    return replace(state, reports=state.reports | {message.robot: message})
+
+
+def _is_ready(state: RobotState, *, late: bool) -> bool:
+    """Whether every neighbour was heard to have done as many sweeps, or there was no more waiting."""
+    return late or all(done >= state.growth.sweep for done in state.sweeps_of.values())
+
+
+def _sweep(state: RobotState, out: list[Outgoing]) -> RobotState:
+    """One iteration with what the neighbours had made by as many sweeps; tell them."""
+    growth, now = state.growth, state.growth.sweep
+    due = sorted(key for key in state.waiting if key[0] <= now)
+    for key in due:
+        growth.receive(key[1], state.waiting[key])
+    growth.run(1)
+    waiting = {key: message for key, message in state.waiting.items() if key not in due}
+    state = _tell(replace(state, waiting=waiting), out)
+    if state.setup.options.until == "first_feasible":
+        state = _look(state, out, growth.goal_nodes(0, born_since=now))
+    elif state.ending:
+        state = _look(state, out, growth.goal_nodes(0))
+    return state
+
+
+def _look(state: RobotState, out: list[Outgoing], goals: Sequence[int]) -> RobotState:
+    """Claim ways for goal nodes."""
+    state.growth.goals_looked_at()
+    opened = list(state.opened)
+    for goal in goals:
+        plan = OpenPlan.of(state.growth, goal)
+        opened.append(plan)
+        for other, claim in first_claims(state.setup.robot, state.setup.graph, plan):
+            _send(state, out, claim, to=other)
+    return replace(state, opened=tuple(opened), looked_at=state.growth.sweep)
+
+
+def _close(state: RobotState, out: list[Outgoing]) -> RobotState:
+    """Replay the plans whose ways are all there."""
+    opened, plans, refused = closed_plans(state.growth, state.setup.part, state.opened)
+    count = len(state.opened) - len(opened)
+    best = min([*plans, *([state.best] if state.best else [])], key=_key, default=None)
+    replays = (state.replayed[0] + count, state.replayed[1] + refused)
+    return replace(state, opened=opened, best=best, replayed=replays)
+
+
+def _report(state: RobotState, out: list[Outgoing]) -> RobotState:
+    """Report through a sweep, where all goal nodes up to there have been looked at."""
+    robot, options = state.setup.robot, state.setup.options
+    if options.until == "first_feasible":
+        held = min(
+            [plan.born for plan in (state.plan, state.best) if plan is not None], default=None
+        )
+        if held is None and state.ending not in ("iterations", "nodes"):
+            return state
+        through = state.growth.sweep if held is None else held + 1
+        if state.growth.sweep < through and not state.ending:
+            return state
+    else:
+        through = state.growth.sweep
+        if not state.ending:
+            return state
+    if any(plan.born < through for plan in state.opened):
+        return state
+    known = state.reports.get(robot)
+    if known is not None and known.through <= through:
+        return state
+    best = state.best if state.best is not None and state.best.born < through else None
+    report = Report(robot=robot, through=through, plan=best)
+    _send(state, out, report)
+    return replace(state, reports=state.reports | {robot: report})
+
+
+def _tell(state: RobotState, out: list[Outgoing]) -> RobotState:
+    """Tell the neighbours of the nodes made since the last time."""
+    growth = state.growth
+    message = growth.message(0, state.told)
+    for other in state.sweeps_of:
+        envelope = Envelope(
+            robot=state.setup.name,
+            session=state.setup.session,
+            sequence=growth.sweep,
+            kind=NODES,
+            payload=msgspec.msgpack.encode(message),
+        ).keep(message)
+        out.append(Outgoing(envelope, state.setup.graph.robots[other]))
+    return replace(state, told=growth.nodes(0))
+
+
+def _ask_again(state: RobotState, out: list[Outgoing]) -> None:
+    """Nothing has come for long: ask for reports, claim again what has not been answered."""
+    _send(state, out, Ask(has=tuple(sorted(state.reports))))
+    for plan in state.opened:
+        for other, claim in first_claims(state.setup.robot, state.setup.graph, plan):
+            _send(state, out, claim, to=other)
+
+
+def _send(
+    state: RobotState,
+    out: list[Outgoing],
+    message: PlanningMessage,
+    *,
+    to: int | None = None,
+    but: int | None = None,
+) -> None:
+    """Send to one neighbour, or to all but one."""
+    setup = state.setup
+    kind = type(message).__name__.removesuffix("Message").lower()
+    envelope = Envelope(
+        robot=setup.name,
+        session=setup.session,
+        sequence=state.growth.sweep,
+        kind=kind,
+        payload=msgspec.msgpack.encode(message),
+    ).keep(message)
+    receivers = [to] if to is not None else [other for other in state.sweeps_of if other != but]
+    out.extend(Outgoing(envelope, setup.graph.robots[other]) for other in receivers)
+
+
+def _place(state: RobotState, name: str) -> int:
+    """Place of a robot in the team."""
+    robots = state.setup.graph.robots
+    if name not in robots:
+        raise InvalidInputError(
+            f"message of robot {name!r}: expected one of {', '.join(robots)}"
+        )
+    return robots.index(name)
+
+
+def _key(plan: PlanMessage) -> tuple[int, float, int, int]:
+    """Order of plans."""
+    return plan.key

@@ -1,0 +1,204 @@
+"""Compiled: sweeps of Algorithm 1 of Tzes et al. 2021; in a sweep every robot does one iteration.
+
+What a robot reads of others is what they had made when the sweep began, so neither the order of
+the robots nor that in which their messages arrive within a sweep changes anything.
+"""
+
+from numba import njit
+
+from fgplan.planners.aia.assignment_kernels import Fields
+from fgplan.planners.aia.compilation import UNCOUNTED
+from fgplan.planners.aia.pose_kernels import ENTRY_COUNT, POSE_COUNT, Poses
+from fgplan.planners.aia.sampling_kernels import draw_controls, draw_group
+from fgplan.planners.aia.tree_kernels import (
+    DEPTH,
+    DONE,
+    DRAWN,
+    FEASIBLE,
+    GOALS,
+    ITERATIONS,
+    NEED_NODES,
+    NEED_POSES,
+    NEED_TIME,
+    NODE_LIMIT,
+    NODES,
+    PENDING,
+    REJECTED,
+    Scratch,
+    Setting,
+    Settings,
+    Tree,
+)
+from fgplan.planners.distributed_aia.candidate_kernels import CATCH_UP
+from fgplan.planners.distributed_aia.extension_kernels import Heard, extend_robot
+from fgplan.planners.distributed_aia.forest_kernels import (
+    NEED_NUMBERS,
+    SWEEP,
+    TURN,
+    Forest,
+    Links,
+)
+from fgplan.planners.distributed_aia.stream import RESERVE, Stream
+from fgplan.typing import FloatArray, IntArray
+
+
+@njit(**UNCOUNTED)
+def iterate(
+    setting: Setting,
+    settings: Settings,
+    links: Links,
+    poses: Poses,
+    tree: Tree,
+    scratch: Scratch,
+    forest: Forest,
+    heard: Heard,
+    r: int,
+    ends: FloatArray,
+    cells: IntArray,
+    found: IntArray,
+    stream: Stream,
+) -> int:
+    """One iteration of row r: ``DONE``, or what room is needed for to do it."""
+    counts, used = tree.counts, poses.counts
+    most, targets = setting.motions.relative.shape[1], setting.sight.places.shape[1]
+    if (
+        used[POSE_COUNT] + most > poses.pose.shape[0]
+        or used[ENTRY_COUNT] + 2 * targets > poses.target.shape[0]
+    ):
+        return NEED_POSES
+    times = setting.fields.of_target.shape[0]
+    if times > 1 and counts[DEPTH] + 3 > times:
+        return NEED_TIME
+    left = stream.numbers.shape[0] - stream.place[0]
+    if counts[PENDING] == 0:
+        if left < RESERVE:
+            return NEED_NUMBERS
+        uniform = counts[ITERATIONS] >= settings.uniform_from or (
+            settings.uniform_after_goal and counts[GOALS] > 0
+        )
+        k = draw_group(counts, tree.deepest, tree.stamp, settings.p_group, uniform, stream)
+        if not draw_controls(
+            setting, settings, poses, tree, k, uniform, False, 0, ends, cells, found, stream
+        ):
+            counts[REJECTED] += 1
+            counts[ITERATIONS] += 1
+            return DONE
+        counts[DRAWN] = k
+        left = stream.numbers.shape[0] - stream.place[0]
+    k = counts[DRAWN]
+    more = 1 if settings.one_node else int(tree.size[k])
+    counts[PENDING] = 1
+    if counts[NODES] + more > settings.node_limit:
+        return NODE_LIMIT
+    if counts[NODES] + more > tree.parent.shape[0]:
+        return NEED_NODES
+    if left < 2 + more * CATCH_UP * heard.node.shape[0]:
+        return NEED_NUMBERS
+    counts[PENDING] = 0
+    counts[ITERATIONS] += 1
+    extend_robot(
+        setting, settings, links, poses, tree, scratch, forest, heard, r, k, stream
+    )
+    return DONE
+
+
+@njit(**UNCOUNTED)
+def grow_forest(
+    setting: Setting,
+    settings: Settings,
+    links: Links,
+    poses: Poses,
+    forest: Forest,
+    scratch: Scratch,
+    heard: Heard,
+    ends: FloatArray,
+    cells: IntArray,
+    found: IntArray,
+    numbers: FloatArray,
+    place: IntArray,
+    sweeps: int,
+) -> int:
+    """Sweeps of all rows that grow here.
+
+    Where:
+        setting: Of the whole team; kind of robot j is j.
+        numbers: Random numbers of each row, shape (R, B), and the next one's ``place``, (R, 1).
+        sweeps: How many more at most.
+
+    Returns:
+        ``DONE``, ``FEASIBLE`` after a sweep in which a goal node was made, ``NODE_LIMIT``, or what
+        more room is needed for: then call again, nothing is lost.
+    """
+    rows, clock = links.robot.shape[0], forest.clock
+    last = clock[SWEEP] + sweeps
+    while clock[SWEEP] < last:
+        if clock[TURN] == 0:
+            for r in range(rows):
+                if links.grows[r]:
+                    forest.known[r] = forest.counts[r, NODES]
+        while clock[TURN] < rows:
+            r = clock[TURN]
+            if links.grows[r]:
+                j = links.robot[r]
+                own = Setting(
+                    setting.obstacles,
+                    setting.motions,
+                    setting.sight,
+                    setting.dynamics,
+                    setting.criteria,
+                    Fields(
+                        setting.fields.frame,
+                        setting.fields.distance_m,
+                        setting.fields.of_target,
+                        setting.fields.of_goal[j : j + 1],
+                    ),
+                    setting.kind[j : j + 1],
+                    setting.near_m[j : j + 1],
+                    setting.goal[j : j + 1],
+                )
+                tree = Tree(
+                    forest.parent[r],
+                    forest.first_child[r],
+                    forest.next_sibling[r],
+                    forest.group[r],
+                    forest.next_in_group[r],
+                    forest.depth[r],
+                    forest.cost[r],
+                    forest.covariance[r],
+                    forest.assigned[r],
+                    forest.configuration[r],
+                    forest.head[r],
+                    forest.tail[r],
+                    forest.size[r],
+                    forest.stamp[r],
+                    forest.deepest[r],
+                    forest.slots[r],
+                    forest.counts[r],
+                    forest.best[r],
+                    forest.drawn[r],
+                )
+                ended = iterate(
+                    own,
+                    settings,
+                    links,
+                    poses,
+                    tree,
+                    scratch,
+                    forest,
+                    heard,
+                    r,
+                    ends,
+                    cells,
+                    found,
+                    Stream(numbers[r], place[r]),
+                )
+                if ended != DONE:
+                    return int(ended)
+            clock[TURN] += 1
+        clock[TURN] = 0
+        clock[SWEEP] += 1
+        if settings.stop_at_goal:
+            for r in range(rows):
+                if links.grows[r] and forest.counts[r, GOALS] > forest.goals[r]:
+                    return FEASIBLE
+    return DONE
