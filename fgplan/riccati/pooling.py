@@ -100,7 +100,7 @@ def posterior_factor(roots: FloatArray, weights: FloatArray, J: FloatArray) -> F
 
 
 def covariance_of(factor: FloatArray) -> FloatArray:
-    """F' F, exactly symmetric.
+    """F' F, Omega^-1.
 
     Args:
         factor: F, shape (..., n, n).
@@ -108,8 +108,7 @@ def covariance_of(factor: FloatArray) -> FloatArray:
     Returns:
         Shape (..., n, n).
     """
-    after = _transposed(factor) @ factor
-    return 0.5 * (after + _transposed(after))
+    return np.asarray(_transposed(factor) @ factor)
 
 
 def pooled_deviation(roots: FloatArray, weights: FloatArray, deviations: FloatArray) -> FloatArray:

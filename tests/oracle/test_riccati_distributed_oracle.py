@@ -199,7 +199,7 @@ def test_information_is_never_above_the_central_filters(seed, robots, kappa, noi
     central = spd(generator, 2, 2)
     team = np.repeat(central[None], robots, axis=0)
     links = draw_links(generator, robots)
-    for _ in range(15):
+    for _ in range(8):
         if varying:
             links = draw_links(generator, robots)
         gained = information(draw_rows(generator, robots, 2, 1, 2))
