@@ -210,6 +210,11 @@ class CommunicationGraph:
         """Whether links depend on where the robots are."""
         return self.range_m != math.inf
 
+    @property
+    def scheduled(self) -> BoolArray:
+        """Links of each set of the schedule, the range not applied, shape (T, N, N), read-only."""
+        return self._links
+
     def links(self, step: int = 0, positions: ArrayLike | None = None) -> BoolArray:
         """Who hears whom at a step.
 

@@ -160,7 +160,7 @@ def closed_plans(
         written = [written_way(way) for way in ways.values()]
         plans.append(
             PlanMessage(
-                born=plan.born,
+                rank=plan.born if growth.options.until == "first_feasible" else 0,
                 cost=found.cost,
                 origin=origin,
                 goal=plan.goal,

@@ -75,7 +75,7 @@ def hear_neighbours(
     """Draw the nodes of all neighbours for extending a node; how many are linked at its time."""
     covariance, used, taken = heard.covariance, heard.node, heard.taken
     robot, t = links.robot[r], int(forest.depth[r, node])
-    step = t % links.linked.shape[0]
+    step = t // links.period % links.linked.shape[0]
     count = 0
     for i in range(taken.shape[0]):
         taken[i] = False

@@ -27,6 +27,7 @@ from fgplan.planners.aia.tree_kernels import (
     NEED_TIME,
     NODE_LIMIT,
     NODES,
+    PENDING,
     REJECTED,
     REPEATED,
     SHORTFALL,
@@ -49,10 +50,10 @@ from fgplan.planners.distributed_aia.forest_kernels import (
     Links,
     receive_nodes,
 )
-from fgplan.planners.distributed_aia.node_message import NodeMessage
+from fgplan.planners.distributed_aia.node_message import Nodes
 from fgplan.planners.distributed_aia.options import DistributedOptions
 from fgplan.planners.distributed_aia.stream import RESERVE, refilled
-from fgplan.planners.distributed_aia.sweep_kernels import grow_forest
+from fgplan.planners.distributed_aia.sweep_kernels import FULL, grow_forest
 from fgplan.team.communication_graph import CommunicationGraph
 from fgplan.typing import FloatArray
 
@@ -159,6 +160,14 @@ class ForestGrowth:
         """
         return int(self.forest.counts[row, NODES])
 
+    def is_full(self, row: int) -> bool:
+        """Whether the node budget of a row that grows here is spent.
+
+        Args:
+            row: The row.
+        """
+        return bool(self.forest.counts[row, PENDING] == FULL)
+
     def goal_nodes(self, row: int, born_since: int = 0) -> list[int]:
         """Goal nodes of a row that grows here, cheapest first, at most ``goals_kept``.
 
@@ -186,35 +195,42 @@ class ForestGrowth:
         grows[list(rows)] = False
         self.links = self.links._replace(grows=grows)
 
-    def message(self, row: int, first: int) -> NodeMessage:
+    def made(self, row: int, first: int, wants: int = -1) -> Nodes:
         """Nodes of a row that grows here, from a number on.
 
         Args:
             row: The row.
             first: The first.
+            wants: What to say of the receiver's nodes.
         """
         forest, made = self.forest, slice(first, self.nodes(row))
-        return NodeMessage.of(
+        return Nodes(
             first=first,
-            parents=forest.parent[row, made],
-            depths=forest.depth[row, made],
-            covariances=forest.covariance[row, made],
-            assigned=forest.assigned[row, made, 0],
-            positions=forest.position[row, made],
+            wants=wants,
+            parents=forest.parent[row, made].copy(),
+            depths=forest.depth[row, made].copy(),
+            covariances=forest.covariance[row, made].copy(),
+            assigned=forest.assigned[row, made, 0].astype(np.uint16),
+            positions=forest.position[row, made].copy(),
         )
 
-    def receive(self, robot: int, message: NodeMessage) -> None:
+    def receive(self, robot: int, nodes: Nodes) -> None:
         """Enter nodes of a neighbour.
 
         Args:
             robot: The neighbour.
-            message: What it sent; doubled or late ones do no harm.
+            nodes: What it sent; doubled or late ones do no harm.
         """
-        row = self.robots.index(robot)
-        parents, depths, covariances, assigned, positions = message.arrays(self.problem.targets)
-        self._room_for(message.first + len(parents))
+        self._room_for(nodes.first + len(nodes.parents))
         receive_nodes(
-            self.forest, row, message.first, parents, depths, covariances, assigned, positions
+            self.forest,
+            self.robots.index(robot),
+            nodes.first,
+            nodes.parents,
+            nodes.depths,
+            nodes.covariances,
+            nodes.assigned,
+            nodes.positions,
         )
 
     @property
@@ -365,7 +381,8 @@ def _links(
         robot=np.array(robots, dtype=np.int64),
         grows=np.arange(len(robots)) < own,
         neighbour=neighbour,
-        linked=graph.periods(),
+        linked=graph.scheduled,
+        period=graph.period,
         range_m=graph.range_m,
         p_candidate=options.p_candidate,
         kappa=options.kappa,

@@ -98,7 +98,8 @@ class Links(NamedTuple):
         grows: Whether a row grows here; others hold what has arrived, shape (R,).
         neighbour: Rows of each row's neighbours in the order of the team, shape (R, D); -1 beyond
             its last.
-        linked: Whether robots are linked by step, periodically, shape (T, N, N).
+        linked: Whether robots are linked, by sets of the schedule in turn, shape (T, N, N).
+        period: Steps for which each set holds.
         range_m: Distance up to which they are; infinite where it does not matter.
         p_candidate: p_C of (10).
         kappa: Weight of the most certain robot.
@@ -109,6 +110,7 @@ class Links(NamedTuple):
     grows: BoolArray
     neighbour: IntArray
     linked: BoolArray
+    period: int
     range_m: float
     p_candidate: float
     kappa: float

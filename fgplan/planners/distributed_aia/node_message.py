@@ -5,12 +5,15 @@ each neighbour. Here a robot sends each new node once, unasked, so that a neighb
 them by itself: the same covariances travel, in one trip instead of two, and a message that is lost
 or late leaves the trees valid.
 
+A robot that notices a hole in what it has of a neighbour says so in its next message, and gets the
+nodes again from there: without them it could never follow the neighbour beyond the hole.
+
 A node is 4 bytes for its parent, 4 for its depth, 2 for its target, 16 for its position and 24 a
 target for its covariance.
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -28,6 +31,28 @@ _PARTS: tuple[tuple[str, Any], ...] = (
 MOST_NODES = 2**31 - 1
 
 
+class Nodes(NamedTuple):
+    """Consecutive nodes of one robot's tree as arrays, checked.
+
+    Attributes:
+        first: Number of the first one.
+        wants: First node of the receiver's tree that the sender misses; -1 for none.
+        parents: Shape (n,), -1 for the root.
+        depths: Steps from the root, shape (n,).
+        covariances: (xx, xy, yy) of each target before measuring there, square metres, (n, 3 M).
+        assigned: Target of the robot, shape (n,).
+        positions: Of the robot, shape (n, 2), metres, world frame.
+    """
+
+    first: int
+    wants: int
+    parents: IntArray
+    depths: IntArray
+    covariances: FloatArray
+    assigned: IntArray
+    positions: FloatArray
+
+
 class NodeMessage(
     msgspec.Struct,
     frozen=True,
@@ -36,10 +61,11 @@ class NodeMessage(
     tag="nodes.v1",
     tag_field="schema",
 ):
-    """Consecutive nodes of one robot's tree.
+    """``Nodes`` on the wire.
 
     Attributes:
         first: Number of the first one.
+        wants: First node of the receiver's tree that the sender misses; -1 for none.
         parents: Number of each one's parent, -1 for the root.
         depths: Steps from the root.
         covariances: (xx, xy, yy) of each target, square metres, before measuring there.
@@ -48,6 +74,7 @@ class NodeMessage(
     """
 
     first: Annotated[int, msgspec.Meta(ge=0, le=MOST_NODES)]
+    wants: Annotated[int, msgspec.Meta(ge=-1, le=MOST_NODES)]
     parents: bytes
     depths: bytes
     covariances: bytes
@@ -55,32 +82,17 @@ class NodeMessage(
     positions: bytes
 
     @classmethod
-    def of(
-        cls,
-        *,
-        first: int,
-        parents: IntArray,
-        depths: IntArray,
-        covariances: FloatArray,
-        assigned: IntArray,
-        positions: FloatArray,
-    ) -> "NodeMessage":
+    def of(cls, nodes: Nodes) -> "NodeMessage":
         """A message of arrays.
 
         Args:
-            first: Number of the first node.
-            parents: Shape (n,).
-            depths: Shape (n,).
-            covariances: Shape (n, 3 M), square metres.
-            assigned: Shape (n,).
-            positions: Shape (n, 2), metres.
+            nodes: The nodes.
         """
-        given = (parents, depths, covariances, assigned, positions)
         parts = {
-            name: np.ascontiguousarray(array, dtype=kind).tobytes()
-            for (name, kind), array in zip(_PARTS, given, strict=True)
+            name: np.ascontiguousarray(getattr(nodes, name), dtype=kind).tobytes()
+            for name, kind in _PARTS
         }
-        return cls(first=first, **parts)
+        return cls(first=nodes.first, wants=nodes.wants, **parts)
 
     def __len__(self) -> int:
         """Number of nodes."""
@@ -91,16 +103,14 @@ class NodeMessage(
         """Bytes of the message as msgpack, without its envelope."""
         return len(msgspec.msgpack.encode(self))
 
-    def arrays(
-        self, targets: int
-    ) -> tuple[IntArray, IntArray, FloatArray, IntArray, FloatArray]:
-        """Parents, depths, covariances, targets and positions, checked.
+    def nodes(self, targets: int) -> Nodes:
+        """The nodes, checked.
 
         Args:
             targets: Number of targets M.
 
         Returns:
-            Shapes (n,), (n,), (n, 3 M), (n,) and (n, 2).
+            Arrays.
 
         Raises:
             InvalidInputError: If sizes do not fit each other, a number is not finite, a covariance
@@ -126,7 +136,9 @@ class NodeMessage(
         xx, xy, yy = covariances[:, 0::3], covariances[:, 1::3], covariances[:, 2::3]
         if not ((xx > 0.0) & (xx * yy - xy * xy > 0.0)).all():
             raise InvalidInputError("nodes: expected positive definite covariances")
-        return parents, depths, covariances, parts["assigned"], positions
+        return Nodes(
+            self.first, self.wants, parents, depths, covariances, parts["assigned"], positions
+        )
 
     def _read(self, count: int, targets: int) -> Iterator[tuple[str, Any]]:
         """Every part as an array, its size checked."""
@@ -144,19 +156,21 @@ class NodeMessage(
 _DECODER = msgspec.msgpack.Decoder(NodeMessage)
 
 
-def read_nodes(data: bytes) -> NodeMessage:
-    """Read a message of nodes; ``arrays`` checks what is in it.
+def read_nodes(data: bytes, targets: int) -> Nodes:
+    """Read a message of nodes.
 
     Args:
         data: Payload of an envelope.
+        targets: Number of targets M.
 
     Returns:
-        The message.
+        The nodes, checked.
 
     Raises:
-        InvalidInputError: If it is malformed.
+        InvalidInputError: If it is malformed, or ``NodeMessage.nodes`` refuses what is in it.
     """
     try:
-        return _DECODER.decode(data)
+        message = _DECODER.decode(data)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"nodes: {error}") from error
+    return message.nodes(targets)

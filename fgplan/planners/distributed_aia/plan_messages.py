@@ -68,7 +68,8 @@ class PlanMessage(_Message, frozen=True, kw_only=True, tag="plan.v1"):
     """A plan of a part of the team; whoever gets it replays it.
 
     Attributes:
-        born: Sweep in which the goal node was made.
+        rank: What counts before the cost: the sweep in which the goal node was made where the
+            first feasible plan is wanted, 0 where the cheapest is.
         cost: Cost by the sender's replay.
         origin: Robot with the goal node.
         goal: The goal node.
@@ -77,7 +78,7 @@ class PlanMessage(_Message, frozen=True, kw_only=True, tag="plan.v1"):
         assigned: Of each of them, its target at each step, uint16.
     """
 
-    born: Count
+    rank: Count
     cost: float
     origin: Count
     goal: Count
@@ -87,8 +88,8 @@ class PlanMessage(_Message, frozen=True, kw_only=True, tag="plan.v1"):
 
     @property
     def key(self) -> tuple[int, float, int, int]:
-        """What the better of two plans is less by: the sweep of its goal node, then its cost."""
-        return self.born, self.cost, self.origin, self.goal
+        """What the better of two plans is less by."""
+        return self.rank, self.cost, self.origin, self.goal
 
     def ways(self) -> dict[int, Way]:
         """The way of each member.

@@ -47,7 +47,7 @@ def replay_path(
         for i in range(robots):
             row = covariance[t, i]
             if t > 0:
-                step = (t - 1) % links.linked.shape[0]
+                step = (t - 1) // links.period % links.linked.shape[0]
                 places = sight.places[min(t - 1, sight.places.shape[0] - 1)]
                 count = 0
                 for j in range(robots):

@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.distributed_aia.claims import (
     OpenPlan,
@@ -32,7 +33,7 @@ from fgplan.planners.distributed_aia.claims import (
 )
 from fgplan.planners.distributed_aia.extraction import claim_order
 from fgplan.planners.distributed_aia.forest_growth import ForestGrowth
-from fgplan.planners.distributed_aia.node_message import NodeMessage, read_nodes
+from fgplan.planners.distributed_aia.node_message import NodeMessage, Nodes, read_nodes
 from fgplan.planners.distributed_aia.options import DistributedOptions
 from fgplan.planners.distributed_aia.plan_messages import (
     Ask,
@@ -49,6 +50,8 @@ from fgplan.team.envelope import Envelope, Inbox, Outbox, Outgoing
 NODES = "nodes"
 SWEEPS_A_STEP = 64
 """Sweeps that a robot without neighbours does in one step."""
+_OVER = ("iterations", "feasible")
+_FOREVER = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +87,9 @@ class RobotState:
     Attributes:
         setup: What it knew before.
         growth: Its tree and what it holds of its neighbours' trees; appended to in place.
-        told: Nodes that the neighbours have been told of.
+        told: Nodes that each neighbour has been told of; it may want some of them again.
+        has: Nodes of each neighbour's tree that are here without a hole, and whether it is to be
+            told that some are missing.
         sweeps_of: Sweeps that each neighbour was heard to have done, -1 for none.
         waiting: Messages of nodes by (sweep, neighbour) whose turn has not come.
         opened: Plans for which ways are still being collected.
@@ -97,9 +102,10 @@ class RobotState:
 
     setup: RobotSetup
     growth: ForestGrowth
-    told: int = 0
+    told: dict[int, int] = field(default_factory=dict)
+    has: dict[int, tuple[int, bool]] = field(default_factory=dict)
     sweeps_of: dict[int, int] = field(default_factory=dict)
-    waiting: dict[tuple[int, int], NodeMessage] = field(default_factory=dict)
+    waiting: dict[tuple[int, int], Nodes] = field(default_factory=dict)
     opened: tuple[OpenPlan, ...] = ()
     best: PlanMessage | None = None
     looked_at: int = 0
@@ -124,10 +130,10 @@ class RobotState:
         options, growth = self.setup.options, self.growth
         if options.iterations is not None and growth.sweep >= options.iterations:
             return "iterations"
-        if growth.nodes(0) >= options.node_budget:
+        if growth.is_full(0):
             return "nodes"
         plan = self.plan
-        if options.until == "first_feasible" and plan is not None and growth.sweep > plan.born:
+        if options.until == "first_feasible" and plan is not None and growth.sweep > plan.rank:
             return "feasible"
         return ""
 
@@ -136,6 +142,7 @@ def start_robot(
     problem: AcquisitionProblem,
     setup: RobotSetup,
     generators: Sequence[np.random.Generator],
+    fields: GeodesicFields | None = None,
 ) -> RobotState:
     """A robot before its first step.
 
@@ -143,17 +150,21 @@ def start_robot(
         problem: What is planned for.
         setup: What it knows.
         generators: Source of random numbers of each robot of the team, the same at all.
+        fields: Geodesic distances to be used again.
 
     Returns:
         Its state; its first step tells the neighbours of its root.
     """
     growth = ForestGrowth(
-        problem, setup.options, setup.graph, generators, robot=setup.robot
+        problem, setup.options, setup.graph, generators, robot=setup.robot, fields=fields
     )
+    neighbours = setup.graph.ever(setup.robot)
     return RobotState(
         setup=setup,
         growth=growth,
-        sweeps_of=dict.fromkeys(setup.graph.ever(setup.robot), -1),
+        told=dict.fromkeys(neighbours, 0),
+        has=dict.fromkeys(neighbours, (0, False)),
+        sweeps_of=dict.fromkeys(neighbours, -1),
     )
 
 
@@ -172,28 +183,29 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
     """
     before = (state.growth.sweep, len(state.reports))
     out: list[Outgoing] = []
-    if state.told == 0:
+    began = not any(state.told.values()) and state.growth.sweep == 0
+    if began:
         state = _tell(state, out)
+    late = not began and inbox.now_s >= state.wake_s
     for envelope in inbox.envelopes:
         if envelope.session != state.setup.session:
             continue
         state = _take_in(state, envelope, out)
-    late = inbox.now_s >= state.wake_s
+    asked = late
+    if asked:
+        _ask_again(state, out)
     for _ in range(SWEEPS_A_STEP):
-        if state.ending or not _is_ready(state, late=late):
+        if state.ending in _OVER or not _is_ready(state, late=late):
             break
         late = False
         state = _sweep(state, out)
     state = _report(_close(state, out), out)
     if state.finished:
         return replace(state, wake_s=np.inf), tuple(out)
-    if before != (state.growth.sweep, len(state.reports)):
+    if asked or began or before != (state.growth.sweep, len(state.reports)):
         alone = not state.sweeps_of and not state.ending
         wake_s = inbox.now_s + (0.0 if alone else state.setup.wait_s)
         return replace(state, wake_s=wake_s), tuple(out)
-    if inbox.now_s >= state.wake_s:
-        _ask_again(state, out)
-        state = replace(state, wake_s=inbox.now_s + state.setup.wait_s)
     return state, tuple(out)
 
 
@@ -205,10 +217,10 @@ def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> Robo
             raise InvalidInputError(
                 f"nodes of robot {envelope.robot!r}: robot {state.setup.name!r} does not hear it"
             )
-        message = envelope.content or read_nodes(envelope.payload)
-        waiting = state.waiting | {(envelope.sequence, sender): message}
-        heard = max(state.sweeps_of[sender], envelope.sequence)
-        return replace(state, waiting=waiting, sweeps_of=state.sweeps_of | {sender: heard})
+        if state.ending in _OVER:
+            return state
+        nodes = envelope.content or read_nodes(envelope.payload, state.growth.problem.targets)
+        return _hold(state, sender, envelope.sequence, nodes)
     message = envelope.content or read_planning_message(envelope.payload)
     if isinstance(message, Claim):
         for other, answer in answer_claim(state.growth, message):
@@ -231,6 +243,29 @@ def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> Robo
     return replace(state, reports=state.reports | {message.robot: message})
 
 
+def _hold(state: RobotState, sender: int, sequence: int, nodes: Nodes) -> RobotState:
+    """Keep nodes until their turn; notice a hole, and what the sender misses."""
+    has, hole = state.has[sender]
+    end = nodes.first + len(nodes.parents)
+    hole = hole or nodes.first > has
+    if nodes.first <= has < end:
+        has, hole = end, False
+    told = state.told
+    if 0 <= nodes.wants < told[sender]:
+        told = told | {sender: nodes.wants}
+    waiting = state.waiting
+    key = (sequence, sender)
+    if key not in waiting or waiting[key].first > nodes.first:
+        waiting = waiting | {key: nodes}
+    return replace(
+        state,
+        has=state.has | {sender: (has, hole)},
+        told=told,
+        waiting=waiting,
+        sweeps_of=state.sweeps_of | {sender: max(state.sweeps_of[sender], sequence)},
+    )
+
+
 def _is_ready(state: RobotState, *, late: bool) -> bool:
     """Whether every neighbour was heard to have done as many sweeps, or there was no more waiting."""
     return late or all(done >= state.growth.sweep for done in state.sweeps_of.values())
@@ -247,7 +282,7 @@ def _sweep(state: RobotState, out: list[Outgoing]) -> RobotState:
     state = _tell(replace(state, waiting=waiting), out)
     if state.setup.options.until == "first_feasible":
         state = _look(state, out, growth.goal_nodes(0, born_since=now))
-    elif state.ending:
+    elif state.ending and state.looked_at == 0:
         state = _look(state, out, growth.goal_nodes(0))
     return state
 
@@ -276,44 +311,44 @@ def _close(state: RobotState, out: list[Outgoing]) -> RobotState:
 def _report(state: RobotState, out: list[Outgoing]) -> RobotState:
     """Report through a sweep, where all goal nodes up to there have been looked at."""
     robot, options = state.setup.robot, state.setup.options
-    if options.until == "first_feasible":
-        held = min(
-            [plan.born for plan in (state.plan, state.best) if plan is not None], default=None
-        )
-        if held is None and state.ending not in ("iterations", "nodes"):
-            return state
-        through = state.growth.sweep if held is None else held + 1
-        if state.growth.sweep < through and not state.ending:
+    held = min([plan.rank for plan in (state.plan, state.best) if plan is not None], default=None)
+    if state.ending in ("iterations", "nodes"):
+        through = _FOREVER
+    elif options.until == "first_feasible" and held is not None:
+        through = held + 1
+        if state.growth.sweep < through:
             return state
     else:
-        through = state.growth.sweep
-        if not state.ending:
-            return state
+        return state
     if any(plan.born < through for plan in state.opened):
         return state
     known = state.reports.get(robot)
     if known is not None and known.through <= through:
         return state
-    best = state.best if state.best is not None and state.best.born < through else None
+    best = state.best if state.best is not None and state.best.rank < through else None
     report = Report(robot=robot, through=through, plan=best)
     _send(state, out, report)
     return replace(state, reports=state.reports | {robot: report})
 
 
 def _tell(state: RobotState, out: list[Outgoing]) -> RobotState:
-    """Tell the neighbours of the nodes made since the last time."""
-    growth = state.growth
-    message = growth.message(0, state.told)
-    for other in state.sweeps_of:
-        envelope = Envelope(
-            robot=state.setup.name,
-            session=state.setup.session,
-            sequence=growth.sweep,
-            kind=NODES,
-            payload=msgspec.msgpack.encode(message),
-        ).keep(message)
-        out.append(Outgoing(envelope, state.setup.graph.robots[other]))
-    return replace(state, told=growth.nodes(0))
+    """Tell each neighbour of the nodes made since the last time, or since what it misses."""
+    growth, setup = state.growth, state.setup
+    written: dict[tuple[int, int], Envelope] = {}
+    for other, first in state.told.items():
+        has, hole = state.has[other]
+        key = (first, has if hole else -1)
+        if key not in written:
+            nodes = growth.made(0, *key)
+            written[key] = Envelope(
+                robot=setup.name,
+                session=setup.session,
+                sequence=growth.sweep,
+                kind=NODES,
+                payload=msgspec.msgpack.encode(NodeMessage.of(nodes)),
+            ).keep(nodes)
+        out.append(Outgoing(written[key], setup.graph.robots[other]))
+    return replace(state, told=dict.fromkeys(state.told, growth.nodes(0)))
 
 
 def _ask_again(state: RobotState, out: list[Outgoing]) -> None:

@@ -41,6 +41,9 @@ from fgplan.planners.distributed_aia.forest_kernels import (
 from fgplan.planners.distributed_aia.stream import RESERVE, Stream
 from fgplan.typing import FloatArray, IntArray
 
+FULL = 2
+"""In ``counts[PENDING]``: the robot's node budget is spent; it makes no more nodes."""
+
 
 @njit(**UNCOUNTED)
 def iterate(
@@ -60,6 +63,8 @@ def iterate(
 ) -> int:
     """One iteration of row r: ``DONE``, or what room is needed for to do it."""
     counts, used = tree.counts, poses.counts
+    if counts[PENDING] == FULL:
+        return DONE
     most, targets = setting.motions.relative.shape[1], setting.sight.places.shape[1]
     if (
         used[POSE_COUNT] + most > poses.pose.shape[0]
@@ -87,9 +92,10 @@ def iterate(
         left = stream.numbers.shape[0] - stream.place[0]
     k = counts[DRAWN]
     more = 1 if settings.one_node else int(tree.size[k])
-    counts[PENDING] = 1
     if counts[NODES] + more > settings.node_limit:
-        return NODE_LIMIT
+        counts[PENDING] = FULL
+        return DONE
+    counts[PENDING] = 1
     if counts[NODES] + more > tree.parent.shape[0]:
         return NEED_NODES
     if left < 2 + more * CATCH_UP * heard.node.shape[0]:
@@ -126,8 +132,8 @@ def grow_forest(
         sweeps: How many more at most.
 
     Returns:
-        ``DONE``, ``FEASIBLE`` after a sweep in which a goal node was made, ``NODE_LIMIT``, or what
-        more room is needed for: then call again, nothing is lost.
+        ``DONE``, ``FEASIBLE`` after a sweep in which a goal node was made, ``NODE_LIMIT`` once no
+        row may make more nodes, or what more room is needed for: then call again, nothing is lost.
     """
     rows, clock = links.robot.shape[0], forest.clock
     last = clock[SWEEP] + sweeps
@@ -201,4 +207,9 @@ def grow_forest(
             for r in range(rows):
                 if links.grows[r] and forest.counts[r, GOALS] > forest.goals[r]:
                     return FEASIBLE
+        full = True
+        for r in range(rows):
+            full = full and (not links.grows[r] or forest.counts[r, PENDING] == FULL)
+        if full:
+            return NODE_LIMIT
     return DONE
