@@ -70,9 +70,7 @@ class CommunicationGraph:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def of_edges(
-        cls, robots: Sequence[str], edges: Sequence[Sequence[str]]
-    ) -> "CommunicationGraph":
+    def of_edges(cls, robots: Sequence[str], edges: Sequence[Edge]) -> "CommunicationGraph":
         """A constant graph.
 
         Args:
