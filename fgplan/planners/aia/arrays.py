@@ -263,9 +263,7 @@ def _predicted(
     return places, np.ascontiguousarray(rows)
 
 
-def _kinds(
-    problem: AcquisitionProblem, *, apart: bool
-) -> tuple[list[SensingRobot], IntArray]:
+def _kinds(problem: AcquisitionProblem, *, apart: bool) -> tuple[list[SensingRobot], IntArray]:
     """One robot of each kind (same primitives, same sensors), and each robot's kind."""
     if apart:
         return list(problem.robots), np.arange(len(problem.robots))

@@ -87,9 +87,7 @@ def draw_candidate(
     for _ in range(CATCH_UP):
         if depth[node] >= t:
             break
-        child = draw_child(
-            first_child, next_sibling, uncertainty, node, known, p_candidate, stream
-        )
+        child = draw_child(first_child, next_sibling, uncertainty, node, known, p_candidate, stream)
         if child < 0:
             break
         node = child

@@ -73,14 +73,10 @@ def first_claims(
     Yields:
         Receiver and claim.
     """
-    yield from _claims_of(
-        robot, graph, plan.ways[robot], robot, plan.goal, plan.steps, plan.born
-    )
+    yield from _claims_of(robot, graph, plan.ways[robot], robot, plan.goal, plan.steps, plan.born)
 
 
-def answer_claim(
-    growth: ForestGrowth, claim: Claim
-) -> Iterator[tuple[int, WayMessage | Claim]]:
+def answer_claim(growth: ForestGrowth, claim: Claim) -> Iterator[tuple[int, WayMessage | Claim]]:
     """The robot's way, back to who claimed it, and its own claims on those that it claims.
 
     Args:
@@ -102,9 +98,7 @@ def answer_claim(
             origin=claim.origin, goal=claim.goal, robot=robot, poses=poses, assigned=assigned
         ),
     )
-    yield from _claims_of(
-        robot, graph, way, claim.origin, claim.goal, claim.steps, claim.born_by
-    )
+    yield from _claims_of(robot, graph, way, claim.origin, claim.goal, claim.steps, claim.born_by)
 
 
 def take_way(
@@ -128,7 +122,7 @@ def take_way(
         if plan.goal == message.goal and message.robot not in plan.ways:
             way = read_way(message.poses, message.assigned)
             if len(way.poses) == plan.steps + 1:
-                plan = replace(plan, ways=plan.ways | {message.robot: way})  # noqa: PLW2901
+                plan = replace(plan, ways=plan.ways | {message.robot: way})
         out.append(plan)
     return tuple(out), None
 

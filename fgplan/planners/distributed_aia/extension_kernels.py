@@ -245,9 +245,7 @@ def extend_robot(
                 covariance[c] = tree.covariance[node, c]
             fuse_rows(covariance, heard.covariance, count, information, links.kappa)
             if not dynamics.still:
-                predict_row(
-                    covariance, dynamics.identity, dynamics.transition, dynamics.process, t
-                )
+                predict_row(covariance, dynamics.identity, dynamics.transition, dynamics.process, t)
             counts[FUSED] += 1 + count
             counts[MEASURED] += 1
             read_numbers(covariance, criteria.objective, scratch.numbers)

@@ -1,9 +1,10 @@
 """A team's path across the trees, hop by hop, from a goal node of one robot.
 
-Robot i's way ends in its goal node q_i(F). Its covariance there was made with node S_i(F)[j] of each
-neighbour j, whose depth is F - 1 or, where it lags, less; that node's with S_j[l] of j's neighbours;
-and so on. A robot is fixed by the first claim on it: over the fewest hops, of equal ones by the
-robot that is earlier in the team. The graph decides that alone, so every robot knows who claims it.
+Robot i's way ends in its goal node q_i(F). Its covariance there was made with node S_i(F)[j] of
+each neighbour j, whose depth is F - 1 or, where it lags, less; that node's with S_j[l] of j's
+neighbours; and so on. A robot is fixed by the first claim on it: over the fewest hops, of equal
+ones by the robot that is earlier in the team. The graph decides that alone, so every robot knows
+who claims it.
 
 Claims over other routes may name other nodes, and covariances that lagged do not lag when the path
 is followed. So the path is replayed through the filter before it counts.

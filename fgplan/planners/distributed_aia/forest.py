@@ -99,7 +99,7 @@ def with_room(forest: Forest, nodes: int) -> Forest:
     """
     parts = {name: _grown(getattr(forest, name), nodes) for name in _BY_NODE}
     rows = len(forest.counts)
-    slots = np.full((rows, _slots(nodes)), -1, dtype=np.int32)
+    slots: IntArray = np.full((rows, _slots(nodes)), -1, dtype=np.int32)
     grown = forest._replace(slots=slots, **parts)
     for row in range(rows):
         enter_groups(tree_of(grown, row))

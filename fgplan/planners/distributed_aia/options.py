@@ -1,10 +1,11 @@
 """Options of the planner ``distributed_aia`` and its presets.
 
 ``paper`` is Algorithms 1 and 2 of Tzes et al. 2021 as far as their text goes: the whole group is
-extended, a draw that hits an obstacle is rejected, controls are drawn uniformly within sensing range
-(9), the covariance of a neighbour's node that lags is fused as it is (Remark 3). ``reproduction``
-extends one node of a group a visit, draws controls uniformly within 0.3 m only, and predicts
-covariances that lag. What the text does not give, p_C and kappa among it, is ours everywhere.
+extended, a draw that hits an obstacle is rejected, controls are drawn uniformly within sensing
+range (9), the covariance of a neighbour's node that lags is fused as it is (Remark 3).
+``reproduction`` extends one node of a group a visit, draws controls uniformly within 0.3 m only,
+and predicts covariances that lag. What the text does not give, p_C and kappa among it, is ours
+everywhere.
 """
 
 from dataclasses import dataclass, fields, replace

@@ -1,16 +1,17 @@
 """A robot that plans with its neighbours, as a value: ``step(state, inbox) -> (state, outbox)``.
 
 Sweeps. A robot does its sweep s + 1 when it holds what every neighbour had made by its sweep s, or
-has waited long enough for it; what neighbours made later waits its turn. So trees depend neither on
-the order in which messages arrive nor on who is faster. A message that is lost leaves a hole in what
-is known of a neighbour: nodes that arrive later are used all the same (Remark 3).
+has waited long enough for it; what neighbours made later waits its turn. So trees depend neither
+on the order in which messages arrive nor on who is faster. A message that is lost leaves a hole in
+what is known of a neighbour, and the robot asks for it; until then it goes on with what it has
+(Remark 3).
 
 Plans. A robot that has made goal nodes claims the ways that they need, replays the team path, and
 keeps the cheapest that satisfies the constraint. It *reports* through a sweep when all its goal
-nodes up to there have been looked at: with ``first_feasible`` through the sweep of the earliest goal
-node that any report holds a plan of, with a budget through the last one. Who has the reports of its
-whole part of the team is finished, and holds the same plan as all others: that of the earliest
-sweep, of these the cheapest.
+nodes up to there have been looked at: with ``first_feasible`` through the sweep of the earliest
+goal node that any report holds a plan of, with a budget through the last one. Who has the reports
+of its whole part of the team is finished, and holds the same plan as all others: that of the
+earliest sweep, of these the cheapest.
 
 The arrays of the tree are appended to in place: go on with the state that comes back.
 """
@@ -31,7 +32,6 @@ from fgplan.planners.distributed_aia.claims import (
     first_claims,
     take_way,
 )
-from fgplan.planners.distributed_aia.extraction import claim_order
 from fgplan.planners.distributed_aia.forest_growth import ForestGrowth
 from fgplan.planners.distributed_aia.node_message import NodeMessage, Nodes, read_nodes
 from fgplan.planners.distributed_aia.options import DistributedOptions
@@ -92,6 +92,7 @@ class RobotState:
             told that some are missing.
         sweeps_of: Sweeps that each neighbour was heard to have done, -1 for none.
         waiting: Messages of nodes by (sweep, neighbour) whose turn has not come.
+        claims: Claims that are not answered yet.
         opened: Plans for which ways are still being collected.
         best: The best plan of its own goal nodes.
         looked_at: Sweeps whose goal nodes have been claimed for.
@@ -106,6 +107,7 @@ class RobotState:
     has: dict[int, tuple[int, bool]] = field(default_factory=dict)
     sweeps_of: dict[int, int] = field(default_factory=dict)
     waiting: dict[tuple[int, int], Nodes] = field(default_factory=dict)
+    claims: tuple[Claim, ...] = ()
     opened: tuple[OpenPlan, ...] = ()
     best: PlanMessage | None = None
     looked_at: int = 0
@@ -199,7 +201,7 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
             break
         late = False
         state = _sweep(state, out)
-    state = _report(_close(state, out), out)
+    state = _report(_close(_answer(state, out)), out)
     if state.finished:
         return replace(state, wake_s=np.inf), tuple(out)
     if asked or began or before != (state.growth.sweep, len(state.reports)):
@@ -223,9 +225,7 @@ def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> Robo
         return _hold(state, sender, envelope.sequence, nodes)
     message = envelope.content or read_planning_message(envelope.payload)
     if isinstance(message, Claim):
-        for other, answer in answer_claim(state.growth, message):
-            _send(state, out, answer, to=other)
-        return state
+        return replace(state, claims=(*state.claims, message))
     if isinstance(message, WayMessage):
         opened, forwarded = take_way(state.setup.robot, state.setup.graph, state.opened, message)
         if forwarded is not None:
@@ -267,7 +267,7 @@ def _hold(state: RobotState, sender: int, sequence: int, nodes: Nodes) -> RobotS
 
 
 def _is_ready(state: RobotState, *, late: bool) -> bool:
-    """Whether every neighbour was heard to have done as many sweeps, or there was no more waiting."""
+    """Whether every neighbour was heard to have done as many sweeps, or it waited enough."""
     return late or all(done >= state.growth.sweep for done in state.sweeps_of.values())
 
 
@@ -299,7 +299,19 @@ def _look(state: RobotState, out: list[Outgoing], goals: Sequence[int]) -> Robot
     return replace(state, opened=tuple(opened), looked_at=state.growth.sweep)
 
 
-def _close(state: RobotState, out: list[Outgoing]) -> RobotState:
+def _answer(state: RobotState, out: list[Outgoing]) -> RobotState:
+    """Answer claims, once the sweep in which their goal nodes were made is over here too."""
+    left = []
+    for claim in state.claims:
+        if state.growth.sweep <= claim.born_by and state.ending not in _OVER:
+            left.append(claim)
+            continue
+        for other, message in answer_claim(state.growth, claim):
+            _send(state, out, message, to=other)
+    return replace(state, claims=tuple(left))
+
+
+def _close(state: RobotState) -> RobotState:
     """Replay the plans whose ways are all there."""
     opened, plans, refused = closed_plans(state.growth, state.setup.part, state.opened)
     count = len(state.opened) - len(opened)
@@ -385,9 +397,7 @@ def _place(state: RobotState, name: str) -> int:
     """Place of a robot in the team."""
     robots = state.setup.graph.robots
     if name not in robots:
-        raise InvalidInputError(
-            f"message of robot {name!r}: expected one of {', '.join(robots)}"
-        )
+        raise InvalidInputError(f"message of robot {name!r}: expected one of {', '.join(robots)}")
     return robots.index(name)
 
 

@@ -150,9 +150,7 @@ def search_distributed(
     )
 
 
-def _grow(
-    growth: ForestGrowth, parts: _Parts, progress: Progress | None, began: float
-) -> Ending:
+def _grow(growth: ForestGrowth, parts: _Parts, progress: Progress | None, began: float) -> Ending:
     """Sweep until every part has a plan or a budget is spent."""
     options = growth.options
     limit = options.iterations if options.iterations is not None else 2**62

@@ -102,9 +102,7 @@ def iterate(
         return NEED_NUMBERS
     counts[PENDING] = 0
     counts[ITERATIONS] += 1
-    extend_robot(
-        setting, settings, links, poses, tree, scratch, forest, heard, r, k, stream
-    )
+    extend_robot(setting, settings, links, poses, tree, scratch, forest, heard, r, k, stream)
     return DONE
 
 

@@ -2,8 +2,8 @@
 
 Up to the node the way is fixed: its ancestors. Later steps change nothing that the teammate at the
 plan's origin learns (what is measured there would arrive too late), but the team goes on: the way
-follows the cheapest children that were there when the goal node was made, then the free control that
-ends nearest to the robot's target. So it depends on the tree alone, whoever asks and when.
+follows the cheapest children that were there when the goal node was made, then the free control
+that ends nearest to the robot's target. So it depends on the tree alone, whoever asks and when.
 """
 
 from dataclasses import dataclass
@@ -80,10 +80,8 @@ def _cheapest_child(growth: ForestGrowth, row: int, node: int, born_by: int) -> 
     return best
 
 
-def _nearer(
-    growth: ForestGrowth, row: int, pose: FloatArray, target: int, time: int
-) -> FloatArray:
-    """End of the free control that comes nearest to a target; the pose itself where none is free."""
+def _nearer(growth: ForestGrowth, row: int, pose: FloatArray, target: int, time: int) -> FloatArray:
+    """End of the free control that comes nearest to a target; the pose where none is free."""
     setting = growth.setting_until(time)
     fields = setting.fields
     kind = int(setting.kind[growth.robots[row]])

@@ -1,0 +1,153 @@
+"""The planner's robots run by their own ``step`` over a transport of this process.
+
+What ``search`` does on shared arrays, robots that talk through messages alone do here, to the same
+trees and the same plan where no message is lost or late; where some are, the trees stay valid and
+the plan satisfies the constraint all the same.
+"""
+
+import time
+
+import numpy as np
+
+from fgplan.errors import InvalidInputError
+from fgplan.planners.aia.lower_bound import unreachable_reason
+from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.search import Ending
+from fgplan.planners.distributed_aia.extraction import replayed, team_parts
+from fgplan.planners.distributed_aia.options import DistributedOptions
+from fgplan.planners.distributed_aia.robot import RobotSetup, RobotState, start_robot, step
+from fgplan.planners.distributed_aia.search import DistributedResult
+from fgplan.planners.distributed_aia.team_plan import TeamPlan
+from fgplan.team.communication_graph import CommunicationGraph
+from fgplan.team.loop import run_robots
+from fgplan.team.transport import SimulatedTransport
+from fgplan.threads import one_blas_thread
+
+
+def set_up_robots(
+    problem: AcquisitionProblem,
+    options: DistributedOptions,
+    graph: CommunicationGraph,
+    generator: np.random.Generator,
+    *,
+    wait_s: float = 1.0,
+    session: int = 0,
+) -> dict[str, RobotState]:
+    """The robots of a team before their first steps.
+
+    Args:
+        problem: What is planned for.
+        options: How.
+        graph: Who hears whom.
+        generator: Source of every random number; each robot has a stream of its own.
+        wait_s: Seconds after which a robot no longer waits for a neighbour.
+        session: Number of the planning session.
+
+    Returns:
+        State of each robot, in the order of the team.
+
+    Raises:
+        InvalidInputError: If the problem is of a kind that these trees do not know, or a limit in
+            seconds is asked for, which no clock of messages can keep.
+    """
+    if options.seconds is not None:
+        raise InvalidInputError(
+            "planner option seconds: expected none where robots talk through messages; give "
+            "iterations or node_budget"
+        )
+    generators = generator.spawn(len(problem.robots))
+    parts = team_parts(graph)
+    states: dict[str, RobotState] = {}
+    fields = None
+    for j, robot in enumerate(problem.robots):
+        part = next(part for part in parts if j in part)
+        setup = RobotSetup(
+            robot=j, part=part, options=options, graph=graph, wait_s=wait_s, session=session
+        )
+        states[robot.name] = start_robot(problem, setup, generators, fields)
+        fields = states[robot.name].growth.prepared.fields
+    return states
+
+
+@one_blas_thread()
+def search_by_messages(
+    problem: AcquisitionProblem,
+    options: DistributedOptions,
+    graph: CommunicationGraph,
+    generator: np.random.Generator,
+    transport: SimulatedTransport,
+    *,
+    wait_s: float = 1.0,
+    time_limit_s: float = np.inf,
+) -> DistributedResult:
+    """Plan for a team whose robots talk through messages alone.
+
+    Args:
+        problem: What is planned for.
+        options: How.
+        graph: Who hears whom.
+        generator: Source of every random number of the robots.
+        transport: What carries their messages.
+        wait_s: Seconds after which a robot no longer waits for a neighbour.
+        time_limit_s: Seconds on the transport's clock after which to give up.
+
+    Returns:
+        The plan and what was counted.
+
+    Raises:
+        InvalidInputError: As ``set_up_robots``.
+    """
+    began = time.perf_counter()
+    states = set_up_robots(problem, options, graph, generator, wait_s=wait_s)
+    planted = time.perf_counter()
+    reason = unreachable_reason(problem)
+    if not reason:
+        states = run_robots(states, step, transport, time_limit_s=time_limit_s)
+    searched = time.perf_counter()
+    robots = list(states.values())
+    counts: dict[str, int] = {}
+    for state in robots:
+        for name, number in state.growth.counted().items():
+            counts[name] = counts.get(name, 0) + number
+    endings = [state.ending or "interrupted" for state in robots]
+    plan = plan_of_reports(robots)
+    ending: Ending = "unreachable" if reason else _ending(endings)
+    return DistributedResult(
+        plan=plan,
+        ending=ending,
+        sweeps=max(state.growth.sweep for state in robots),
+        shortfall=min(state.growth.shortfall for state in robots),
+        counts=counts,
+        bytes_per_node=robots[0].growth.bytes_per_node,
+        seconds={"setup": planted - began, "search": searched - planted},
+        candidates=sum(state.replayed[0] for state in robots),
+        refused=sum(state.replayed[1] for state in robots),
+        reason=reason,
+    )
+
+
+def plan_of_reports(states: list[RobotState]) -> TeamPlan | None:
+    """The plan that the robots hold, each part of the team its own.
+
+    Args:
+        states: Of all robots, in the order of the team.
+
+    Returns:
+        The plan; None if a part has none.
+    """
+    ways, origins = {}, []
+    for part in team_parts(states[0].setup.graph):
+        plan = states[part[0]].plan
+        if plan is None:
+            return None
+        ways.update(plan.ways())
+        origins.append((plan.origin, plan.goal))
+    return replayed(states[0].growth, ways, origins)
+
+
+def _ending(endings: list[str]) -> Ending:
+    """One word for the team."""
+    for word in ("interrupted", "nodes", "iterations"):
+        if word in endings:
+            return word
+    return "feasible"
