@@ -106,9 +106,9 @@ class GuidedGrowth(Growth):
                 self._made_room(NEED_NODES)
                 counts = self.tree.counts
             rows = self.tree.drawn.copy()
-            new, place = find_group(self.tree.slots, self.tree.configuration, rows)
+            new = self._group_of(rows)
             for node in nodes:
-                new = self._extend(node, new, place, rows)
+                new = self._extend(node, new, rows)
             if self.settings.stop_at_goal and self.feasible:
                 return "feasible"
         return "iterations"
@@ -219,22 +219,29 @@ class GuidedGrowth(Growth):
             return nodes[-1:]
         return [nodes[int(generator.random() * len(nodes))]]
 
-    def _extend(self, node: int, new: int, place: int, rows: IntArray) -> int:
+    def _group_of(self, rows: IntArray) -> int:
+        """Group of a configuration, -1 where there is none yet."""
+        k, _ = find_group(self.tree.slots, self.tree.configuration, rows)
+        return int(k)
+
+    def _extend(self, node: int, new: int, rows: IntArray) -> int:
         """Lines 7 to 17 of Algorithm 1 for one node."""
         tree, settings, counts = self.tree, self.settings, self.tree.counts
         if settings.bound and tree.cost[node] >= tree.best[COST]:
             counts[BOUNDED] += 1
             return new
-        if new >= 0:
-            again, _ = repeats(tree.first_child, tree.next_sibling, tree.group, node, new)
-            if again:
-                counts[REPEATED] += 1
-                return new
+        again, child = repeats(tree.first_child, tree.next_sibling, tree.group, node, new)
+        if again:
+            counts[REPEATED] += 1
+            return new
         t = int(tree.depth[node])
-        left = tree.configuration[tree.group[node]].astype(np.int64)
-        seen_from = rows if settings.at_child else left
-        information = self.information(seen_from, t + 1 if settings.at_child else t)
-        after = self.propagated(tree.covariance[node], information, t)
+        if child >= 0 and not settings.at_child:
+            after = tree.covariance[child]  # the same for all children
+        else:
+            left = tree.configuration[tree.group[node]].astype(np.int64)
+            seen_from = rows if settings.at_child else left
+            information = self.information(seen_from, t + 1 if settings.at_child else t)
+            after = self.propagated(tree.covariance[node], information, t)
         cost = float(tree.cost[node]) + self.judgement.term(after)
         if settings.bound and cost >= tree.best[COST]:
             counts[BOUNDED] += 1
@@ -242,20 +249,20 @@ class GuidedGrowth(Growth):
         if settings.dominance and new >= 0 and self._dominated(new, cost, t + 1, after):
             counts[DOMINATED] += 1
             return new
-        self.scratch.covariance[:] = after
-        return self._append(node, new, place, rows, cost)
+        return self._append(node, new, rows, cost, after)
 
     def _insert_root(self, place: int, rows: IntArray) -> None:
         """Enter the root, whose covariance is in scratch."""
-        self._append(-1, -1, place, rows, self.judgement.term(self.scratch.covariance))
+        after = self.scratch.covariance
+        self._append(-1, -1, rows, self.judgement.term(after), after)
 
-    def _append(self, parent: int, k: int, place: int, rows: IntArray, cost: float) -> int:
-        """Append the node whose covariance is in scratch."""
+    def _append(self, parent: int, k: int, rows: IntArray, cost: float, after: FloatArray) -> int:
+        """Append a node; its group."""
         tree, setting = self.tree, self.prepared.setting
         node = int(tree.counts[NODES])
-        k = int(link_node(tree, parent, k, place, rows, cost))
-        tree.covariance[node] = self.scratch.covariance
-        shortfall, satisfied = self.judgement.judge(self.scratch.covariance)
+        k = self._link(parent, k, rows, cost)
+        tree.covariance[node] = after
+        shortfall, satisfied = self.judgement.judge(after)
         if shortfall < tree.best[SHORTFALL]:
             tree.best[SHORTFALL] = shortfall
             tree.counts[CLOSEST] = node
@@ -266,6 +273,13 @@ class GuidedGrowth(Growth):
                 tree.counts[BEST] = node
         tree.assigned[node] = self._assign(parent, node, rows, satisfied)
         return k
+
+    def _link(self, parent: int, k: int, rows: IntArray, cost: float) -> int:
+        """Links, group and cost of a node; its group."""
+        place = 0
+        if k < 0:
+            _, place = find_group(self.tree.slots, self.tree.configuration, rows)
+        return int(link_node(self.tree, parent, k, place, rows, cost))
 
     def _assign(self, parent: int, node: int, rows: IntArray, satisfied: BoolArray) -> IntArray:
         """Algorithm 2, or another choice in its place."""
