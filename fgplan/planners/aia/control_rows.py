@@ -151,9 +151,7 @@ def prefer(
     return np.where(near, other, np.where(reached, best, -1))
 
 
-def _with_heading(
-    setting: Setting, reach: Reach, field: IntArray, kinds: IntArray
-) -> FloatArray:
+def _with_heading(setting: Setting, reach: Reach, field: IntArray, kinds: IntArray) -> FloatArray:
     """Distances, of which a thousandth is that of where the heading would lead, shape (n, U)."""
     fields, reach_m = setting.fields, setting.motions.reach_m[kinds][:, None]
     x, y, heading = (reach.ends[..., c] for c in range(3))

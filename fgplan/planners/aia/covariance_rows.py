@@ -46,16 +46,17 @@ def measured(row: FloatArray, information: FloatArray) -> FloatArray:
     Returns:
         A new row.
     """
-    a, b, c = row[0::3], row[1::3], row[2::3]
-    jxx, jxy, jyy = information[0::3], information[1::3], information[2::3]
-    det = a * c - b * b
-    trace = a * jxx + 2.0 * b * jxy + c * jyy
-    scale = 1.0 / (1.0 + trace + det * (jxx * jyy - jxy * jxy))
-    out = np.empty_like(row)
-    out[0::3] = (a + det * jyy) * scale
-    out[1::3] = (b - det * jxy) * scale
-    out[2::3] = (c + det * jxx) * scale
-    return out
+    now, gain = row.reshape(-1, 3).T, information.reshape(-1, 3).T
+    det = now[0] * now[2] - now[1] * now[1]
+    inner = now * gain
+    scale = gain[0] * gain[2] - gain[1] * gain[1]
+    scale *= det
+    scale += 1.0 + (inner[0] + 2.0 * inner[1] + inner[2])
+    after = gain[::-1] * det  # det(Sigma) adj(J), but for the sign of xy
+    after[1] *= -1.0
+    after += now
+    after *= 1.0 / scale
+    return after.T.ravel()
 
 
 def predicted(row: FloatArray, dynamics: Dynamics, t: int) -> FloatArray:
@@ -106,6 +107,9 @@ class RowJudgement:
         self._criteria = criteria
         self._one_limit = bool((criteria.threshold == criteria.threshold[0]).all())
         self._limit = float(criteria.threshold[0])
+        self._same = criteria.terminal == criteria.objective
+        self._row = np.zeros(0)
+        self._numbers = np.zeros(0)
 
     def term(self, row: FloatArray) -> float:
         """The objective's term of one step.
@@ -115,6 +119,7 @@ class RowJudgement:
         """
         criteria = self._criteria
         numbers = numbers_of(row, criteria.objective)
+        self._row, self._numbers = row, numbers
         if criteria.objective_scope == SUM:
             return float(sum(numbers.tolist()))
         joint = _joint(numbers, criteria.objective)
@@ -127,7 +132,9 @@ class RowJudgement:
             row: Covariances, shape (3 M,).
         """
         criteria = self._criteria
-        numbers = numbers_of(row, criteria.terminal)
+        numbers = self._numbers  # of a node's covariance, read for its cost before
+        if row is not self._row or not self._same:
+            numbers = numbers_of(row, criteria.terminal)
         satisfied = numbers <= criteria.satisfied
         if criteria.terminal_scope == EACH:
             if self._one_limit:

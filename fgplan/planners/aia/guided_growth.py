@@ -11,6 +11,7 @@ import numpy as np
 from fgplan.models.linear_observation import AbstractLinearObservation
 from fgplan.planners.aia.arrays import Prepared, unpacked
 from fgplan.planners.aia.assignment_kernels import assign_targets
+from fgplan.planners.aia.covariance_rows import RowJudgement
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.growth import Ended, Growth
 from fgplan.planners.aia.judgement import Judgement
@@ -78,7 +79,10 @@ class GuidedGrowth(Growth):
         self._ends = np.empty((most, 3))
         self._cells = np.zeros(most, dtype=np.int64)
         self._found = np.empty(most, dtype=np.int64)
-        self.judgement = Judgement(problem)
+        self._goals = bool(prepared.setting.fields.of_goal.max() >= 0)
+        self._new_poses = len(prepared.setting.kind) * most
+        self._new_entries = 2 * len(prepared.setting.kind) * problem.targets
+        self.judgement: Judgement | RowJudgement = Judgement(problem)
 
     def run(self, iterations: int, generator: np.random.Generator) -> Ended:
         """Grow; as ``Growth.run``.
@@ -115,15 +119,14 @@ class GuidedGrowth(Growth):
 
     def _make_room_for_poses(self) -> None:
         """Room for one more iteration."""
-        setting, used = self.prepared.setting, self.poses.counts
-        robots, controls = len(setting.kind), setting.motions.relative.shape[1]
-        entries = 2 * robots * self.problem.targets
-        while used[POSE_COUNT] + robots * controls > len(self.poses.pose) or used[
-            ENTRY_COUNT
-        ] + entries > len(self.poses.target):
+        poses, entries = self._new_poses, self._new_entries
+        used = self.poses.counts
+        while used[POSE_COUNT] + poses > len(self.poses.pose) or used[ENTRY_COUNT] + entries > len(
+            self.poses.target
+        ):
             self._made_room(NEED_POSES)
             used = self.poses.counts
-        times = len(setting.fields.of_target)
+        times = len(self.prepared.setting.fields.of_target)
         if times > 1 and self.tree.counts[DEPTH] + 3 > times:
             self._made_room(NEED_TIME)
 
@@ -159,9 +162,7 @@ class GuidedGrowth(Growth):
         tree, setting = self.tree, self.prepared.setting
         if self.densities.controls is None:
             node = int(tree.tail[k])
-            finished = setting.fields.of_goal.max() >= 0 and (
-                self.judgement.judge(tree.covariance[node])[0] <= 1.0
-            )
+            finished = self._goals and self.judgement.judge(tree.covariance[node])[0] <= 1.0
             return bool(
                 draw_controls(
                     setting,
@@ -251,9 +252,9 @@ class GuidedGrowth(Growth):
             return new
         return self._append(node, new, rows, cost, after)
 
-    def _insert_root(self, place: int, rows: IntArray) -> None:
+    def _insert_root(self, rows: IntArray) -> None:
         """Enter the root, whose covariance is in scratch."""
-        after = self.scratch.covariance
+        after = self.scratch.covariance.copy()
         self._append(-1, -1, rows, self.judgement.term(after), after)
 
     def _append(self, parent: int, k: int, rows: IntArray, cost: float, after: FloatArray) -> int:
@@ -266,7 +267,7 @@ class GuidedGrowth(Growth):
         if shortfall < tree.best[SHORTFALL]:
             tree.best[SHORTFALL] = shortfall
             tree.counts[CLOSEST] = node
-        if shortfall <= 1.0 and at_goal(setting.goal, self.poses.pose, rows):
+        if shortfall <= 1.0 and (not self._goals or at_goal(setting.goal, self.poses.pose, rows)):
             tree.counts[GOALS] += 1
             if cost < tree.best[COST]:
                 tree.best[COST] = cost

@@ -2,11 +2,14 @@
 
 It is the guided growth with other pieces, for what the kernels know: uncompiled they read arrays
 number by number, which costs a hundred times what a number costs in a numpy row. Drawing takes the
-same random numbers, and the tree is that of the compiled loop (a test compares them).
+same random numbers, and the tree is that of the compiled loop (a test compares them). Poses and
+groups are found by dictionaries, not by the hash tables of the kernels.
 
 Where poses recur and targets stay, what is drawn from (u*, and the other controls) is remembered by
 pose and target, and what is learnt by pose.
 """
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,19 +20,17 @@ from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.guided_growth import GuidedGrowth
 from fgplan.planners.aia.information_rows import information_rows
 from fgplan.planners.aia.options import TreeOptions
-from fgplan.planners.aia.pose_kernels import enter_pose
+from fgplan.planners.aia.pose_rows import PoseRows, enter_poses
 from fgplan.planners.aia.problem import AcquisitionProblem
-from fgplan.planners.aia.tree_kernels import NEED_TIME, link_node
+from fgplan.planners.aia.tree_kernels import DEEPEST, DEPTH, GROUPS, NEED_TIME, NODES
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 Choice = tuple[int, tuple[int, ...]]
-"""What u* leads to (-1 for none), and what all controls that may be drawn lead to (-1 blocked)."""
+"""Where u* leads (-1: there is none), and where all controls to draw from lead (-1: blocked)."""
 
 
 class PlainGrowth(GuidedGrowth):
     """A tree grown without the compiler."""
-
-    judgement: RowJudgement
 
     def __init__(
         self, problem: AcquisitionProblem, options: TreeOptions, prepared: Prepared
@@ -45,10 +46,12 @@ class PlainGrowth(GuidedGrowth):
         self.judgement = RowJudgement(prepared.setting.criteria)
         self._recurs = len(self.poses.successors) > 0
         self._stays = self._recurs and prepared.setting.sight.fixed
-        self._goals = bool(prepared.setting.fields.of_goal.max() >= 0)
+        self.tree = self.tree._replace(slots=self.tree.slots[:0])
+        self.poses = self.poses._replace(slots=self.poses.slots[:0])
+        self._pose_rows: PoseRows = {}
         self._groups: dict[tuple[int, ...], int] = {}
         self._choices: dict[tuple[int, int], Choice] = {}
-        self._learnt = np.full((len(self.poses.pose), len(prepared.root)), np.nan)
+        self._learnt = np.zeros((0, len(prepared.root)))
 
     def plant(self, bound: float = np.inf) -> None:
         """Begin a tree at the root; as ``Growth.plant``.
@@ -60,7 +63,7 @@ class PlainGrowth(GuidedGrowth):
         super().plant(bound)
 
     def information(self, rows: IntArray, time: int) -> FloatArray:
-        """Information of a configuration at a time, as ``GuidedGrowth.information``.
+        """Information of a configuration at a time; as ``GuidedGrowth.information``.
 
         Args:
             rows: The configuration.
@@ -69,36 +72,25 @@ class PlainGrowth(GuidedGrowth):
         Returns:
             Shape (width,).
         """
+        if not self._recurs:
+            return np.add.reduce(self._learn(rows, time))
         if self._stays:
             if len(self._learnt) < len(self.poses.pose):
-                more = np.full((len(self.poses.pose) - len(self._learnt), len(self.prepared.root)), np.nan)
-                self._learnt = np.concatenate([self._learnt, more])
-            total = np.add.reduce(self._learnt.take(rows, axis=0))
-            if total[0] == total[0]:  # not nan: every pose is known
+                missing = len(self.poses.pose) - len(self._learnt)
+                unknown = np.full((missing, self._learnt.shape[1]), np.nan)
+                self._learnt = np.concatenate([self._learnt, unknown])
+            total: FloatArray = np.add.reduce(self._learnt.take(rows, axis=0))
+            if total[0] == total[0]:  # a number: every pose is known
                 return total
-            new = np.unique(rows[np.isnan(self._learnt[rows, 0])])
-            self._learnt[new] = self._rows(new, 0)
-            return np.add.reduce(self._learnt.take(rows, axis=0))
-        while 1 < len(self.prepared.setting.sight.places) <= time:
-            self._made_room(NEED_TIME)
-        if not self._recurs:
-            return np.add.reduce(self._rows(rows, time))
+            new = rows[np.isnan(self._learnt[rows, 0])]
+            self._learnt[new] = self._learn(new, time)
+            return np.add.reduce(self._learnt[rows])
         names = [(0, row, time) for row in rows.tolist()]
-        new = [name[1] for name in names if name not in self._known]
-        if new:
-            for row, line in zip(new, self._rows(np.array(new), time), strict=True):
-                self._known[0, row, time] = line
+        new_rows = [name[1] for name in names if name not in self._known]
+        if new_rows:
+            for row, learnt in zip(new_rows, self._learn(np.array(new_rows), time), strict=True):
+                self._known[0, row, time] = learnt
         return np.add.reduce([self._known[name] for name in names])
-
-    def _rows(self, rows, time):
-        poses = self.poses
-        return information_rows(
-            self.prepared.setting.sight,
-            self.problem.workspace,
-            poses.pose[rows],
-            poses.kind[rows],
-            time,
-        )
 
     def propagated(self, row: FloatArray, information: FloatArray, t: int) -> FloatArray:
         """Covariance row at t + 1; as ``GuidedGrowth.propagated``.
@@ -115,29 +107,59 @@ class PlainGrowth(GuidedGrowth):
             return measured(predicted(row, dynamics, t), information)
         return predicted(measured(row, information), dynamics, t)
 
+    def _learn(self, rows: IntArray, time: int) -> FloatArray:
+        """Information of each pose at a time, shape (n, width)."""
+        while 1 < len(self.prepared.setting.sight.places) <= time:
+            self._made_room(NEED_TIME)
+        sight, poses = self.prepared.setting.sight, self.poses
+        return information_rows(
+            sight, self.problem.workspace, poses.pose[rows], poses.kind[rows], time
+        )
+
+    def _enter(self, kinds: IntArray, ends: FloatArray) -> list[int]:
+        """Rows of poses."""
+        frame = self.prepared.setting.fields.frame
+        return enter_poses(self.poses, self._pose_rows, frame, kinds, ends)
+
+    def _starts(self) -> list[int]:
+        """Rows of the robots' poses at time 0."""
+        starts = np.array([robot.pose for robot in self.problem.robots], dtype=np.float64)
+        return self._enter(self.prepared.setting.kind, starts)
+
+    def _draw_group(self, generator: np.random.Generator) -> int:
+        """f_V (8)."""
+        tree, random = self.tree, generator.random
+        groups = len(self._groups)
+        if self._uniform:
+            return int(random() * groups)
+        biased, deep = random() < self.settings.p_group, int(tree.counts[DEEPEST])
+        if biased or groups == deep:
+            return int(tree.deepest[int(random() * deep)])
+        depth = int(tree.counts[DEPTH])
+        while True:
+            k = int(random() * groups)
+            if tree.stamp[k] != depth:
+                return k
+
     def _draw_controls(self, k: int, generator: np.random.Generator) -> bool:
         """f_U (9), into ``tree.drawn``."""
-        tree, settings = self.tree, self.settings
+        tree, p_control = self.tree, self.settings.p_control
         node = int(tree.tail[k])
         uniform = self._uniform
         finished = self._goals and self.judgement.judge(tree.covariance[node])[0] <= 1.0
-        rows = tree.configuration[k].tolist()
-        targets = tree.assigned[node].tolist()
-        numbers = generator.random(len(rows)).tolist()
-        t = int(tree.depth[node]) + 1
-        ends = None
+        rows, targets = tree.configuration[k].tolist(), tree.assigned[node].tolist()
         if self._stays and not uniform and not finished:
-            keys = list(zip(rows, targets, strict=True))
-            choices = list(map(self._choices.get, keys))
-            if None in choices:
-                new = [j for j, one in enumerate(choices) if one is None]
-                found, _ = self._choices_of(new, rows, targets, t, uniform, finished)
+            names = list(zip(rows, targets, strict=True))
+            new = [j for j, name in enumerate(names) if name not in self._choices]
+            if new:
+                found, _ = self._choices_of(new, k, node, uniform=False, finished=False)
                 for j, choice in zip(new, found, strict=True):
-                    self._choices[keys[j]] = choice
-                choices = list(map(self._choices.get, keys))
+                    self._choices[names[j]] = choice
+            choices = [self._choices[name] for name in names]
         else:
-            choices, ends = self._choices_of(range(len(rows)), rows, targets, t, uniform, finished)
-        p_control, drawn, free = settings.p_control, tree.drawn, True
+            robots = list(range(len(rows)))
+            choices, reach = self._choices_of(robots, k, node, uniform=uniform, finished=finished)
+        numbers = generator.random(len(rows)).tolist()
         after = []
         for (best, others), number in zip(choices, numbers, strict=True):
             if best >= 0:
@@ -146,54 +168,66 @@ class PlainGrowth(GuidedGrowth):
                     continue
                 number = (number - p_control) / (1.0 - p_control)
             after.append(others[int(number * len(others))] if others else -1)
+        if min(after) < 0:
+            return False
         if not self._recurs:
-            kinds, frame = self.prepared.setting.kind, self.prepared.setting.fields.frame
-            for j, u in enumerate(after):
-                if u >= 0:
-                    after[j] = enter_pose(self.poses, frame, int(kinds[j]), *ends[j, u].tolist())
-        drawn[:] = after
-        return min(after) >= 0
+            kinds = self.prepared.setting.kind
+            after = self._enter(kinds, reach.ends[np.arange(len(after)), after])
+        tree.drawn[:] = after
+        return True
 
-    def _choices_of(self, robots, rows, targets, t, uniform, finished):
-        robots = np.array(robots)
-        rows = np.array(rows)[robots]
-        targets = np.array(targets)[robots]
-        setting, poses = self.prepared.setting, self.poses
-        reach, names = self._reach(rows)
-        if uniform:
-            best = np.full(len(robots), -1)
+    def _choices_of(
+        self, robots: list[int], k: int, node: int, *, uniform: bool, finished: bool
+    ) -> tuple[list[Choice], Reach]:
+        """What robots of a group draw from: poses where these recur, controls elsewhere."""
+        setting, poses, tree = self.prepared.setting, self.poses, self.tree
+        rows = tree.configuration[k][robots].astype(np.int64)
+        kinds = setting.kind[robots]
+        if self._recurs:
+            self._remember_successors(rows)
+            names = poses.successors[rows]
+            free = names >= 0
+            reached = np.where(free, names, rows[:, None])
+            reach = Reach(poses.pose[reached], poses.cell[reached], free)
         else:
-            best = prefer(setting, reach, poses.pose[rows], robots, targets, t, to_goal=finished, circle=self.settings.circle)
-        names = np.where(reach.free, names, -1).tolist()
-        many = setting.motions.controls[setting.kind[robots]].tolist()
+            reach = follow(
+                setting, self.problem.workspace, poses.pose[rows], kinds, poses.cell[rows]
+            )
+            names = np.where(reach.free, np.arange(reach.free.shape[1]), -1)
+        best = np.full(len(robots), -1)
+        if not uniform:
+            best = prefer(
+                setting,
+                reach,
+                poses.pose[rows],
+                np.array(robots),
+                tree.assigned[node][robots],
+                int(tree.depth[node]) + 1,
+                to_goal=finished,
+                circle=self.settings.circle,
+            )
         choices = []
-        for b, line, c in zip(best.tolist(), names, many):
-            if self.settings.reject_jointly:
-                others = tuple(line[:c])
-            else:
-                others = tuple(name for name in line if name >= 0)
-            choices.append((line[b] if b >= 0 else -1, others))
-        return choices, reach.ends
+        many = setting.motions.controls[kinds].tolist()
+        for u, leads, controls in zip(best.tolist(), names.tolist(), many, strict=True):
+            others = leads[:controls]
+            if not self.settings.reject_jointly:
+                others = [name for name in others if name >= 0]
+            choices.append((leads[u] if u >= 0 else -1, tuple(others)))
+        return choices, reach
 
-    def _reach(self, rows):
-        setting, poses = self.prepared.setting, self.poses
-        if not self._recurs:
-            reach = follow(setting, self.problem.workspace, poses.pose[rows], poses.kind[rows], poses.cell[rows])
-            return reach, np.arange(reach.free.shape[1])
-        new = rows[poses.successors[rows, 0] == -2]
-        if len(new):
-            new = np.array(list(dict.fromkeys(new.tolist())))
-            reach = follow(setting, self.problem.workspace, poses.pose[new], poses.kind[new], poses.cell[new])
-            kinds = poses.kind[new].tolist()
-            for row, kind, ends, free in zip(new.tolist(), kinds, reach.ends.tolist(), reach.free.tolist()):
-                poses.successors[row] = [
-                    enter_pose(poses, setting.fields.frame, kind, *end) if f else -1 for end, f in zip(ends, free)
-                ]
-                poses.free[row] = sum(free)
-        after = poses.successors[rows]
-        free = after >= 0
-        reached = np.where(free, after, rows[:, None])
-        return Reach(poses.pose[reached], poses.cell[reached], free), after
+    def _remember_successors(self, rows: IntArray) -> None:
+        """Fill in what rows lead to, once."""
+        poses = self.poses
+        new = np.array(list(dict.fromkeys(rows[poses.successors[rows, 0] == -2].tolist())))
+        if not len(new):
+            return
+        setting, kinds = self.prepared.setting, poses.kind[new]
+        reach = follow(setting, self.problem.workspace, poses.pose[new], kinds, poses.cell[new])
+        after = np.full(reach.free.shape, -1)
+        of, _ = np.nonzero(reach.free)
+        after[reach.free] = self._enter(kinds[of], reach.ends[reach.free])
+        poses.successors[new] = after
+        poses.free[new] = reach.free.sum(axis=1)
 
     def _group_of(self, rows: IntArray) -> int:
         """Group of a configuration, -1 where there is none yet."""
@@ -201,41 +235,66 @@ class PlainGrowth(GuidedGrowth):
 
     def _link(self, parent: int, k: int, rows: IntArray, cost: float) -> int:
         """Links, group and cost of a node; its group."""
-        new = k < 0
-        k = int(link_node(self.tree, parent, k, 0, rows, cost))
-        if new:
+        tree, counts = self.tree, self.tree.counts
+        node, deepest = int(counts[NODES]), int(counts[DEPTH])
+        counts[NODES] = node + 1
+        depth, sibling = 0, -1
+        if parent >= 0:
+            depth, sibling = int(tree.depth[parent]) + 1, int(tree.first_child[parent])
+            tree.first_child[parent] = node
+        if k < 0:
+            k = len(self._groups)
             self._groups[tuple(rows.tolist())] = k
+            counts[GROUPS] = k + 1
+            tree.head[k] = node
+            tree.size[k] = 0
+            tree.stamp[k] = -1
+            tree.configuration[k] = rows
+        else:
+            tree.next_in_group[tree.tail[k]] = node
+        tree.tail[k] = node
+        tree.size[k] += 1
+        tree.parent[node] = parent
+        tree.first_child[node] = -1
+        tree.next_sibling[node] = sibling
+        tree.group[node] = k
+        tree.next_in_group[node] = -1
+        tree.depth[node] = depth
+        tree.cost[node] = cost
+        if depth > deepest or parent < 0:
+            counts[DEPTH] = deepest = depth
+            counts[DEEPEST] = 0
+        if depth == deepest and tree.stamp[k] != depth:
+            tree.stamp[k] = depth
+            tree.deepest[counts[DEEPEST]] = k
+            counts[DEEPEST] += 1
         return k
 
     def _assign(self, parent: int, node: int, rows: IntArray, satisfied: BoolArray) -> IntArray:
         """Algorithm 2."""
         tree, fields = self.tree, self.prepared.setting.fields
-        if parent >= 0:
+        met = satisfied.tolist()
+        again = [i for i, one in enumerate(met) if not one]
+        if parent < 0:
+            assigned = [0] * len(rows)
+            choosing: Iterable[int] = range(len(rows))
+            left = list(range(len(met)))
+        else:
+            if not self.settings.assign or not again:
+                return tree.assigned[parent]
             assigned = tree.assigned[parent].tolist()
-            if not self.settings.assign:
-                return assigned
-            met = satisfied.tolist()
             holders = [0] * len(met)
             for i in assigned:
                 holders[i] += 1
             choosing = [j for j, i in enumerate(assigned) if met[i] or holders[i] > 1]
-            again = [i for i, one in enumerate(met) if not one]
-            if not choosing or not again:
-                return assigned
-            left = [i for i in again if holders[i] == 0]
-        else:
-            assigned = [0] * len(rows)
-            choosing = range(len(rows))
-            left = list(range(len(satisfied)))
-            again = np.flatnonzero(~satisfied).tolist() or left.copy()
+            left = [i for i in again if holders[i] == 0] if choosing else []
         of_target = fields.of_target[min(int(tree.depth[node]), len(fields.of_target) - 1)]
         for j in choosing:
-            if not left:
-                left = again.copy()
+            left = left or again.copy() or list(range(len(met)))
             distance = fields.distance_m[of_target, self.poses.cell[rows[j]]].tolist()
             assigned[j] = min(left, key=distance.__getitem__)
             left.remove(assigned[j])
-        return assigned
+        return np.array(assigned)
 
     def _dominated(self, k: int, cost: float, depth: int, row: FloatArray) -> bool:
         """Whether a group holds a node that is as good in every respect."""
