@@ -98,14 +98,14 @@ class GuidedGrowth(Growth):
             self._make_room_for_poses()
             counts = self.tree.counts
             k = self._draw_group(generator)
-            free = self._draw_controls(k, generator)
-            counts[ITERATIONS] += 1
-            if not free:
+            if not self._draw_controls(k, generator):
+                counts[ITERATIONS] += 1
                 counts[REJECTED] += 1
                 continue
             nodes = self._nodes_to_extend(k, generator)
             if counts[NODES] + len(nodes) > self.settings.node_limit:
                 return "nodes"
+            counts[ITERATIONS] += 1
             while counts[NODES] + len(nodes) > len(self.tree.parent):
                 self._made_room(NEED_NODES)
                 counts = self.tree.counts
