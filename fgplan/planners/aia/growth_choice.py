@@ -19,6 +19,8 @@ def make_growth(
 ) -> Growth:
     """The growth that a problem needs: all compiled where the kernels know every part.
 
+    Where numba does not compile, ``PlainGrowth`` takes the place of the compiled loop.
+
     Args:
         problem: What is planned for.
         options: How.

@@ -79,9 +79,9 @@ class GuidedGrowth(Growth):
         self._ends = np.empty((most, 3))
         self._cells = np.zeros(most, dtype=np.int64)
         self._found = np.empty(most, dtype=np.int64)
+        robots = len(prepared.setting.kind)
         self._goals = bool(prepared.setting.fields.of_goal.max() >= 0)
-        self._new_poses = len(prepared.setting.kind) * most
-        self._new_entries = 2 * len(prepared.setting.kind) * problem.targets
+        self._new_poses, self._new_entries = robots * most, 2 * robots * problem.targets
         self.judgement: Judgement | RowJudgement = Judgement(problem)
 
     def run(self, iterations: int, generator: np.random.Generator) -> Ended:
@@ -119,13 +119,12 @@ class GuidedGrowth(Growth):
 
     def _make_room_for_poses(self) -> None:
         """Room for one more iteration."""
-        poses, entries = self._new_poses, self._new_entries
-        used = self.poses.counts
-        while used[POSE_COUNT] + poses > len(self.poses.pose) or used[ENTRY_COUNT] + entries > len(
-            self.poses.target
+        poses, entries, table = self._new_poses, self._new_entries, self.poses
+        used = table.counts
+        if used[POSE_COUNT] + poses > len(table.pose) or (
+            used[ENTRY_COUNT] + entries > len(table.target)
         ):
-            self._made_room(NEED_POSES)
-            used = self.poses.counts
+            self._made_room(NEED_POSES)  # twice as much, which is enough (see ``make_poses``)
         times = len(self.prepared.setting.fields.of_target)
         if times > 1 and self.tree.counts[DEPTH] + 3 > times:
             self._made_room(NEED_TIME)
@@ -134,10 +133,8 @@ class GuidedGrowth(Growth):
     def _uniform(self) -> bool:
         """Whether draws are uniform (Remark 5.1)."""
         settings = self.settings
-        return bool(
-            self.iterations >= settings.uniform_from
-            or (settings.uniform_after_goal and self.feasible)
-        )
+        late = settings.uniform_after_goal and self.feasible
+        return late or self.iterations >= settings.uniform_from
 
     def _draw_group(self, generator: np.random.Generator) -> int:
         """f_V: the user's own or (8)."""
@@ -222,8 +219,7 @@ class GuidedGrowth(Growth):
 
     def _group_of(self, rows: IntArray) -> int:
         """Group of a configuration, -1 where there is none yet."""
-        k, _ = find_group(self.tree.slots, self.tree.configuration, rows)
-        return int(k)
+        return int(find_group(self.tree.slots, self.tree.configuration, rows)[0])
 
     def _extend(self, node: int, new: int, rows: IntArray) -> int:
         """Lines 7 to 17 of Algorithm 1 for one node."""
@@ -277,9 +273,7 @@ class GuidedGrowth(Growth):
 
     def _link(self, parent: int, k: int, rows: IntArray, cost: float) -> int:
         """Links, group and cost of a node; its group."""
-        place = 0
-        if k < 0:
-            _, place = find_group(self.tree.slots, self.tree.configuration, rows)
+        _, place = find_group(self.tree.slots, self.tree.configuration, rows)
         return int(link_node(self.tree, parent, k, place, rows, cost))
 
     def _assign(self, parent: int, node: int, rows: IntArray, satisfied: BoolArray) -> IntArray:
@@ -292,9 +286,8 @@ class GuidedGrowth(Growth):
                 return assigned
         of_target = fields.of_target[min(int(tree.depth[node]), len(fields.of_target) - 1)]
         if self.options.assignment == "optimal":
-            distance = fields.distance_m[of_target][:, self.poses.cell[rows]].T
-            distance = np.asarray(distance, dtype=np.float64)
-            return assign_optimally(assigned, satisfied, distance, everybody=parent < 0)
+            distance = fields.distance_m[of_target][:, self.poses.cell[rows]].astype(np.float64)
+            return assign_optimally(assigned, satisfied, distance.T, everybody=parent < 0)
         assign_targets(
             fields.distance_m,
             of_target,
@@ -338,10 +331,9 @@ class GuidedGrowth(Growth):
         Returns:
             Shape (width,).
         """
-        total = np.zeros(len(self.prepared.root))
-        for j, row in enumerate(rows):
-            total += self.information_of(j, int(row), time)
-        return total
+        return np.sum(
+            [self.information_of(j, int(row), time) for j, row in enumerate(rows)], axis=0
+        )
 
     def _information(self, rows: IntArray, time: int) -> FloatArray:
         """As ``information``: what the root's measurement asks for."""
