@@ -8,5 +8,10 @@ make or return an array, and assigns element by element.
 
 from typing import Any
 
+import numba
+
 UNCOUNTED: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
 """Options of ``numba.njit``."""
+
+COMPILED = not numba.config.DISABLE_JIT
+"""Whether kernels are compiled; NUMBA_DISABLE_JIT=1 in the environment says no."""

@@ -79,22 +79,18 @@ class Growth:
         Args:
             bound: Cost of the best plan so far; a finite one turns branch and bound on.
         """
-        tree, setting = self.tree, self.prepared.setting
+        tree = self.tree
         tree.slots[:] = -1
         tree.counts[:] = 0
         tree.best[:] = (bound, np.inf)
         if np.isfinite(bound):
             self.settings = self.settings._replace(bound=True)
         rows = tree.drawn
-        for j, robot in enumerate(self.problem.robots):
-            rows[j] = enter_pose(
-                self.poses, setting.fields.frame, setting.kind[j], *map(float, robot.pose)
-            )
+        rows[:] = self._starts()
         self.scratch.covariance[:] = self.prepared.root
         if self.settings.at_child:
             self.scratch.covariance[:] = self._measured(rows)
-        _, place = find_group(tree.slots, tree.configuration, rows)
-        self._insert_root(place, rows)
+        self._insert_root(rows)
 
     def run(self, iterations: int, generator: np.random.Generator) -> Ended:
         """Grow.
@@ -196,13 +192,22 @@ class Growth:
             assigned=tree.assigned[nodes].astype(np.int64),
         )
 
-    def _insert_root(self, place: int, rows: IntArray) -> None:
+    def _starts(self) -> list[int]:
+        """Rows of the robots' poses at time 0."""
+        setting = self.prepared.setting
+        return [
+            enter_pose(self.poses, setting.fields.frame, kind, *map(float, robot.pose))
+            for kind, robot in zip(setting.kind, self.problem.robots, strict=True)
+        ]
+
+    def _insert_root(self, rows: IntArray) -> None:
         """Enter the root, whose covariance is in scratch."""
         tree, setting = self.tree, self.prepared.setting
         criteria, numbers = setting.criteria, self.scratch.numbers
         tree.covariance[0] = self.scratch.covariance
         read_numbers(self.scratch.covariance, criteria.objective, numbers)
         cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        _, place = find_group(tree.slots, tree.configuration, rows)
         append_node(
             setting, self.settings, self.poses, tree, self.scratch, -1, -1, place, rows, cost
         )

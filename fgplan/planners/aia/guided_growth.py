@@ -11,6 +11,7 @@ import numpy as np
 from fgplan.models.linear_observation import AbstractLinearObservation
 from fgplan.planners.aia.arrays import Prepared, unpacked
 from fgplan.planners.aia.assignment_kernels import assign_targets
+from fgplan.planners.aia.covariance_rows import RowJudgement
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.growth import Ended, Growth
 from fgplan.planners.aia.judgement import Judgement
@@ -78,7 +79,10 @@ class GuidedGrowth(Growth):
         self._ends = np.empty((most, 3))
         self._cells = np.zeros(most, dtype=np.int64)
         self._found = np.empty(most, dtype=np.int64)
-        self.judgement = Judgement(problem)
+        robots = len(prepared.setting.kind)
+        self._goals = bool(prepared.setting.fields.of_goal.max() >= 0)
+        self._new_poses, self._new_entries = robots * most, 2 * robots * problem.targets
+        self.judgement: Judgement | RowJudgement = Judgement(problem)
 
     def run(self, iterations: int, generator: np.random.Generator) -> Ended:
         """Grow; as ``Growth.run``.
@@ -94,36 +98,34 @@ class GuidedGrowth(Growth):
             self._make_room_for_poses()
             counts = self.tree.counts
             k = self._draw_group(generator)
-            free = self._draw_controls(k, generator)
-            counts[ITERATIONS] += 1
-            if not free:
+            if not self._draw_controls(k, generator):
+                counts[ITERATIONS] += 1
                 counts[REJECTED] += 1
                 continue
             nodes = self._nodes_to_extend(k, generator)
             if counts[NODES] + len(nodes) > self.settings.node_limit:
                 return "nodes"
+            counts[ITERATIONS] += 1
             while counts[NODES] + len(nodes) > len(self.tree.parent):
                 self._made_room(NEED_NODES)
                 counts = self.tree.counts
             rows = self.tree.drawn.copy()
-            new, place = find_group(self.tree.slots, self.tree.configuration, rows)
+            new = self._group_of(rows)
             for node in nodes:
-                new = self._extend(node, new, place, rows)
+                new = self._extend(node, new, rows)
             if self.settings.stop_at_goal and self.feasible:
                 return "feasible"
         return "iterations"
 
     def _make_room_for_poses(self) -> None:
         """Room for one more iteration."""
-        setting, used = self.prepared.setting, self.poses.counts
-        robots, controls = len(setting.kind), setting.motions.relative.shape[1]
-        entries = 2 * robots * self.problem.targets
-        while used[POSE_COUNT] + robots * controls > len(self.poses.pose) or used[
-            ENTRY_COUNT
-        ] + entries > len(self.poses.target):
-            self._made_room(NEED_POSES)
-            used = self.poses.counts
-        times = len(setting.fields.of_target)
+        poses, entries, table = self._new_poses, self._new_entries, self.poses
+        used = table.counts
+        if used[POSE_COUNT] + poses > len(table.pose) or (
+            used[ENTRY_COUNT] + entries > len(table.target)
+        ):
+            self._made_room(NEED_POSES)  # twice as much, which is enough (see ``make_poses``)
+        times = len(self.prepared.setting.fields.of_target)
         if times > 1 and self.tree.counts[DEPTH] + 3 > times:
             self._made_room(NEED_TIME)
 
@@ -131,10 +133,8 @@ class GuidedGrowth(Growth):
     def _uniform(self) -> bool:
         """Whether draws are uniform (Remark 5.1)."""
         settings = self.settings
-        return bool(
-            self.iterations >= settings.uniform_from
-            or (settings.uniform_after_goal and self.feasible)
-        )
+        late = settings.uniform_after_goal and self.feasible
+        return late or self.iterations >= settings.uniform_from
 
     def _draw_group(self, generator: np.random.Generator) -> int:
         """f_V: the user's own or (8)."""
@@ -159,9 +159,7 @@ class GuidedGrowth(Growth):
         tree, setting = self.tree, self.prepared.setting
         if self.densities.controls is None:
             node = int(tree.tail[k])
-            finished = setting.fields.of_goal.max() >= 0 and (
-                self.judgement.judge(tree.covariance[node])[0] <= 1.0
-            )
+            finished = self._goals and self.judgement.judge(tree.covariance[node])[0] <= 1.0
             return bool(
                 draw_controls(
                     setting,
@@ -219,22 +217,28 @@ class GuidedGrowth(Growth):
             return nodes[-1:]
         return [nodes[int(generator.random() * len(nodes))]]
 
-    def _extend(self, node: int, new: int, place: int, rows: IntArray) -> int:
+    def _group_of(self, rows: IntArray) -> int:
+        """Group of a configuration, -1 where there is none yet."""
+        return int(find_group(self.tree.slots, self.tree.configuration, rows)[0])
+
+    def _extend(self, node: int, new: int, rows: IntArray) -> int:
         """Lines 7 to 17 of Algorithm 1 for one node."""
         tree, settings, counts = self.tree, self.settings, self.tree.counts
         if settings.bound and tree.cost[node] >= tree.best[COST]:
             counts[BOUNDED] += 1
             return new
-        if new >= 0:
-            again, _ = repeats(tree.first_child, tree.next_sibling, tree.group, node, new)
-            if again:
-                counts[REPEATED] += 1
-                return new
+        again, child = repeats(tree.first_child, tree.next_sibling, tree.group, node, new)
+        if again:
+            counts[REPEATED] += 1
+            return new
         t = int(tree.depth[node])
-        left = tree.configuration[tree.group[node]].astype(np.int64)
-        seen_from = rows if settings.at_child else left
-        information = self.information(seen_from, t + 1 if settings.at_child else t)
-        after = self.propagated(tree.covariance[node], information, t)
+        if child >= 0 and not settings.at_child:
+            after = tree.covariance[child]  # the same for all children
+        else:
+            left = tree.configuration[tree.group[node]].astype(np.int64)
+            seen_from = rows if settings.at_child else left
+            information = self.information(seen_from, t + 1 if settings.at_child else t)
+            after = self.propagated(tree.covariance[node], information, t)
         cost = float(tree.cost[node]) + self.judgement.term(after)
         if settings.bound and cost >= tree.best[COST]:
             counts[BOUNDED] += 1
@@ -242,30 +246,35 @@ class GuidedGrowth(Growth):
         if settings.dominance and new >= 0 and self._dominated(new, cost, t + 1, after):
             counts[DOMINATED] += 1
             return new
-        self.scratch.covariance[:] = after
-        return self._append(node, new, place, rows, cost)
+        return self._append(node, new, rows, cost, after)
 
-    def _insert_root(self, place: int, rows: IntArray) -> None:
+    def _insert_root(self, rows: IntArray) -> None:
         """Enter the root, whose covariance is in scratch."""
-        self._append(-1, -1, place, rows, self.judgement.term(self.scratch.covariance))
+        after = self.scratch.covariance.copy()
+        self._append(-1, -1, rows, self.judgement.term(after), after)
 
-    def _append(self, parent: int, k: int, place: int, rows: IntArray, cost: float) -> int:
-        """Append the node whose covariance is in scratch."""
+    def _append(self, parent: int, k: int, rows: IntArray, cost: float, after: FloatArray) -> int:
+        """Append a node; its group."""
         tree, setting = self.tree, self.prepared.setting
         node = int(tree.counts[NODES])
-        k = int(link_node(tree, parent, k, place, rows, cost))
-        tree.covariance[node] = self.scratch.covariance
-        shortfall, satisfied = self.judgement.judge(self.scratch.covariance)
+        k = self._link(parent, k, rows, cost)
+        tree.covariance[node] = after
+        shortfall, satisfied = self.judgement.judge(after)
         if shortfall < tree.best[SHORTFALL]:
             tree.best[SHORTFALL] = shortfall
             tree.counts[CLOSEST] = node
-        if shortfall <= 1.0 and at_goal(setting.goal, self.poses.pose, rows):
+        if shortfall <= 1.0 and (not self._goals or at_goal(setting.goal, self.poses.pose, rows)):
             tree.counts[GOALS] += 1
             if cost < tree.best[COST]:
                 tree.best[COST] = cost
                 tree.counts[BEST] = node
         tree.assigned[node] = self._assign(parent, node, rows, satisfied)
         return k
+
+    def _link(self, parent: int, k: int, rows: IntArray, cost: float) -> int:
+        """Links, group and cost of a node; its group."""
+        _, place = find_group(self.tree.slots, self.tree.configuration, rows)
+        return int(link_node(self.tree, parent, k, place, rows, cost))
 
     def _assign(self, parent: int, node: int, rows: IntArray, satisfied: BoolArray) -> IntArray:
         """Algorithm 2, or another choice in its place."""
@@ -277,9 +286,8 @@ class GuidedGrowth(Growth):
                 return assigned
         of_target = fields.of_target[min(int(tree.depth[node]), len(fields.of_target) - 1)]
         if self.options.assignment == "optimal":
-            distance = fields.distance_m[of_target][:, self.poses.cell[rows]].T
-            distance = np.asarray(distance, dtype=np.float64)
-            return assign_optimally(assigned, satisfied, distance, everybody=parent < 0)
+            distance = fields.distance_m[of_target][:, self.poses.cell[rows]].astype(np.float64)
+            return assign_optimally(assigned, satisfied, distance.T, everybody=parent < 0)
         assign_targets(
             fields.distance_m,
             of_target,
@@ -323,10 +331,9 @@ class GuidedGrowth(Growth):
         Returns:
             Shape (width,).
         """
-        total = np.zeros(len(self.prepared.root))
-        for j, row in enumerate(rows):
-            total += self.information_of(j, int(row), time)
-        return total
+        return np.sum(
+            [self.information_of(j, int(row), time) for j, row in enumerate(rows)], axis=0
+        )
 
     def _information(self, rows: IntArray, time: int) -> FloatArray:
         """As ``information``: what the root's measurement asks for."""

@@ -18,8 +18,8 @@ from fgplan.typing import BoolArray, FloatArray, IntArray
 POSE_COUNT, ENTRY_COUNT = 0, 1
 """Places in ``Poses.counts``: rows used, and entries of information used."""
 
-_PER_METRE = 1e6
-_PER_TURN = 1e6
+PER_METRE = 1e6
+PER_TURN = 1e6
 
 
 class Motions(NamedTuple):
@@ -50,7 +50,8 @@ class Poses(NamedTuple):
         pose: Shape (S, 3), world frame.
         kind: Kind of robot, shape (S,).
         cell: Geodesic cell of each pose, shape (S,).
-        slots: Hash table of row numbers, -1 where free; its length is a power of two.
+        slots: Hash table of row numbers, -1 where free; its length is a power of two, or zero where
+            rows are found otherwise.
         successors: Rows that each control leads to, -1 where it is blocked, -2 in the first column
             where not known yet, shape (S, U); shape (0, 0) where poses do not recur.
         free: Number of controls that are not blocked, shape (S,); shape (0,) as ``successors``.
@@ -91,8 +92,8 @@ def find_cell(frame: FloatArray, x: float, y: float) -> int:
 @njit(**UNCOUNTED)
 def _digits(x: float, y: float, heading: float) -> tuple[int, int, int]:
     """Whole micrometres and millionths of a turn: poses with the same are one."""
-    turns = int(np.floor(heading / (2.0 * np.pi) * _PER_TURN + 0.5)) % int(_PER_TURN)
-    return int(np.floor(x * _PER_METRE + 0.5)), int(np.floor(y * _PER_METRE + 0.5)), turns
+    turns = int(np.floor(heading / (2.0 * np.pi) * PER_TURN + 0.5)) % int(PER_TURN)
+    return int(np.floor(x * PER_METRE + 0.5)), int(np.floor(y * PER_METRE + 0.5)), turns
 
 
 @njit(**UNCOUNTED)

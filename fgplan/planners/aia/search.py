@@ -3,7 +3,8 @@
 The tree is grown in calls of compiled loops; between two calls there is time for more room, for
 progress, and for an interrupt, after which the best plan so far is still handed back. Where a part
 is not known to the compiled loops (a user's own sensor, density or uncertainty function, the
-optimal assignment) one iteration at a time is driven from Python, with the same kernels.
+optimal assignment) one iteration at a time is driven from Python, with the same kernels; without
+the compiler, in numpy (``plain_growth``). All grow the same tree.
 """
 
 import time

@@ -81,7 +81,7 @@ def more_poses(poses: Poses) -> Poses:
         pose=_grown(poses.pose, rows, used),
         kind=_grown(poses.kind, rows, used),
         cell=_grown(poses.cell, rows, used),
-        slots=np.full(_slots(rows), -1, dtype=np.int32),
+        slots=np.full(_slots(rows) if len(poses.slots) else 0, -1, dtype=np.int32),
         successors=_grown(poses.successors, rows, used)
         if len(poses.successors)
         else poses.successors,
@@ -92,7 +92,8 @@ def more_poses(poses: Poses) -> Poses:
         target=_grown(poses.target, 2 * len(poses.target), entries),
         information=_grown(poses.information, 2 * len(poses.information), entries),
     )
-    enter_rows(grown)
+    if len(grown.slots):
+        enter_rows(grown)
     return grown
 
 
@@ -154,8 +155,11 @@ def more_nodes(tree: Tree, node_budget: int) -> Tree:
     size = min(max(2 * len(tree.parent), many), node_budget)
     parts = {name: _grown(getattr(tree, name), size, nodes) for name in _BY_NODE}
     parts |= {name: _grown(getattr(tree, name), size, groups) for name in _BY_GROUP}
-    grown = tree._replace(slots=np.full(_slots(size), -1, dtype=np.int32), **parts)
-    enter_groups(grown)
+    grown = tree._replace(
+        slots=np.full(_slots(size) if len(tree.slots) else 0, -1, dtype=np.int32), **parts
+    )
+    if len(grown.slots):
+        enter_groups(grown)
     return grown
 
 

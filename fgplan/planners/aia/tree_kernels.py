@@ -127,7 +127,8 @@ class Tree(NamedTuple):
         size: Number of nodes of each group.
         stamp: Greatest depth at which the group was entered into ``deepest``.
         deepest: Groups that hold a node of greatest depth.
-        slots: Hash table of group numbers, -1 where free.
+        slots: Hash table of group numbers, -1 where free; shape (0,) where groups are found
+            otherwise.
         counts: See ``NODES`` and so on.
         best: See ``COST`` and ``SHORTFALL``.
         drawn: Pose rows of the draw at hand, shape (N,).
