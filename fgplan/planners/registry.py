@@ -12,6 +12,7 @@ PLANNERS: dict[str, str] = {
     "impacted_paths": "fgplan.planners.impacted_paths.planner:ImpactedPathsPlanner",
     "exhaustive": "fgplan.planners.exhaustive.planner:ExhaustivePlanner",
     "aia": "fgplan.planners.aia.planner:AiaPlanner",
+    "distributed_aia": "fgplan.planners.distributed_aia.planner:DistributedAiaPlanner",
     "greedy": "fgplan.planners.greedy.planner:PLANNER",
     "biased_greedy": "fgplan.planners.biased_greedy.planner:PLANNER",
     "fvi": "fgplan.planners.fvi.planner:PLANNER",
