@@ -1,9 +1,10 @@
 """The inner loops of square-root elimination; imported on first use only, because numba is slow.
 
 Every function is plain Python over arrays and gives the same numbers with NUMBA_DISABLE_JIT=1.
-Arrays are copied element by element: the assignment of one to a slice of another takes seconds to
-compile (its error message does). Positions are places in the elimination order; a *front* is the dense matrix of one variable:
-its d columns first, then the columns of its separator (the later variables that its rows touch).
+Arrays are copied element by element: assigning one to a slice of another takes seconds to compile,
+for the text of its error. Positions are places in the elimination order; a *front* is the dense
+matrix of one variable: its d columns first, then the columns of its separator (the later variables
+that its rows touch).
 """
 
 import numpy as np
