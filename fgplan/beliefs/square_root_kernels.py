@@ -1,8 +1,10 @@
 """The inner loops of square-root elimination; imported on first use only, because numba is slow.
 
 Every function is plain Python over arrays and gives the same numbers with NUMBA_DISABLE_JIT=1.
-Positions are places in the elimination order; a *front* is the dense matrix of one variable:
-its d columns first, then the columns of its separator (the later variables that its rows touch).
+Arrays are copied element by element: assigning one to a slice of another takes seconds to compile,
+for the text of its error. Positions are places in the elimination order; a *front* is the dense
+matrix of one variable: its d columns first, then the columns of its separator (the later variables
+that its rows touch).
 """
 
 import numpy as np
@@ -33,7 +35,8 @@ def find_separators(
         mark[position] = position
         if size + count > found.size:
             grown = np.empty(2 * found.size + count, np.int64)
-            grown[:size] = found[:size]
+            for place in range(size):
+                grown[place] = found[place]
             found = grown
         for entry in range(entry_start[row_start[position]], entry_start[row_start[position + 1]]):
             other = entry_position[entry]
@@ -103,7 +106,8 @@ def triangularise(work: FloatArray, tolerance: FloatArray) -> IntArray:
             alpha = -norm if work[best, column] > 0.0 else norm
             leading = work[best, column] - alpha
             gain = 1.0 - work[best, column] / alpha
-            weights[column + 1 :] = work[best, column + 1 :]
+            for other in range(column + 1, width):
+                weights[other] = work[best, other]
             while row >= 0:
                 if row != best:
                     values = work[row]

@@ -295,9 +295,12 @@ def draw_ellipses(
         size: Standard deviations times magnification.
         color: Colour of all.
     """
-    for outline in ellipse_outlines(centers, covariances, size):
-        axes.fill(*outline.T, facecolor=color, alpha=0.12, lw=0, zorder=3.8)
-        axes.plot(*outline.T, color=color, lw=0.9, zorder=4)
+    outlines = ellipse_outlines(centers, covariances, size)
+    polygon = matplotlib_module("patches").Polygon
+    for outline in outlines:  # as artists: the map has its limits, which ``fill`` would update
+        axes.add_artist(polygon(outline, facecolor=color, alpha=0.12, lw=0, zorder=3.8))
+    broken = np.pad(outlines, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 2)
+    axes.plot(*broken.T, color=color, lw=0.9, zorder=4)
 
 
 def ellipse_entry(legend: Legend, of_what: str, sigmas: float, magnification: float) -> None:

@@ -201,7 +201,7 @@ def lower_covariances(
     for n in range(candidates.shape[0]):
         c = candidates[n]
         length = lengths[n]
-        used = 0
+        used = np.int64(0)  # see interface_kernels
         good = True
         for i in range(length):
             s = states[c, i]

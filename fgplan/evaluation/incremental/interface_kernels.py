@@ -3,6 +3,9 @@
 Factors with rows A_v x_v + A_i x_i that meet in one variable are merged: D = sum A_v'A_v = C C' and
 sum A_v'A_i = C Y_i, so that all of them together are C' x_v + Y x_c + n with n ~ N(0, I). What
 becomes of them, ``message_kernels`` says.
+
+A counter that is handed to another kernel begins as ``np.int64(0)``: numba compiles that kernel
+twice for a plain 0, once for the literal and once for what it becomes.
 """
 
 from typing import NamedTuple

@@ -114,7 +114,9 @@ def _add_segment(
         pool.slot_variable[place] = segments.slot_variable[s]
         pool.slot_row[place] = rows
         pool.slot_rank[place] = rank
-        pool.slot_c[place] = segments.slot_c[s]
+        for a in range(d):
+            for b in range(d):
+                pool.slot_c[place, a, b] = segments.slot_c[s, a, b]
         square[slots] = segments.slot_square[s]
         source = segments.merged_pointer[k] + (s - segments.slot_pointer[k]) * d * width
         for r in range(rank):
@@ -156,8 +158,7 @@ def build_messages(
         pool: In: candidates and pointers. Out: all the rest.
     """
     d = motion.late.shape[2]
-    longest = 0
-    most = 1
+    longest, most = np.int64(0), np.int64(1)
     for n in range(lengths.shape[0]):
         longest = max(longest, lengths[n])
         most = max(most, pool.slot_pointer[n + 1] - pool.slot_pointer[n])
@@ -174,7 +175,7 @@ def build_messages(
         for i in range(q):
             first[i] = max((i // d - 1) * d, 0)
         good = True
-        begin = slots = total = 0
+        begin = slots = total = np.int64(0)  # see interface_kernels
         for g in range(consists_of.pointer[c], consists_of.pointer[c + 1]):
             if consists_of.end[g] > length:
                 break
@@ -185,7 +186,7 @@ def build_messages(
             good = good and segments.sound[k] == 1
             begin = consists_of.end[g]
         _add_motion(motion.late[c], motion.cross[c], motion.early[c], begin, psi)
-        count = 0
+        count = np.int64(0)
         for i in range(length):
             if i >= begin:
                 count = gather_factors(fixed, states[c, i], i, column, found, count, psi)

@@ -102,7 +102,7 @@ def build_segments(
         pool: In: steps and pointers. Out: all the rest.
     """
     d = motion.late.shape[2]
-    longest, most = 0, 1
+    longest, most = np.int64(0), np.int64(1)  # see interface_kernels
     for k in range(candidate.shape[0]):
         longest = max(longest, pool.steps[k] + 1)
         most = max(most, pool.slot_pointer[k + 1] - pool.slot_pointer[k])
@@ -133,7 +133,7 @@ def _build_segment(
     psi = pool.information[at : at + q * q].reshape((q, q))
     first = pool.first[pool.row_pointer[k] : pool.row_pointer[k] + q]
     lost = pool.lost[pool.row_pointer[k] : pool.row_pointer[k] + q]
-    count = 0
+    count = np.int64(0)
     for i in range(1, end - begin + 1):
         step = begin + i - 1
         for a in range(d):

@@ -220,8 +220,9 @@ def extend_group(
             ):
                 counts[DOMINATED] += 1
             else:
+                from_node = np.int64(node)  # as from Python: compiled once
                 new = append_node(
-                    setting, settings, poses, tree, scratch, node, new, place, rows, cost
+                    setting, settings, poses, tree, scratch, from_node, new, place, rows, cost
                 )
         if node == last:
             break

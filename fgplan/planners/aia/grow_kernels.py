@@ -81,10 +81,10 @@ def grow(
             )
             k = draw_group(counts, deepest, stamp, settings.p_group, uniform, rng)
             finished = goals and is_finished(setting, tree, scratch, tree.tail[k])
-            begin = 0
+            begin = np.int64(0)  # a literal would have draw_remembered compiled twice
             if remembered and not uniform and not finished:
                 begin = draw_remembered(
-                    0,
+                    begin,
                     configuration[k],
                     assigned[tail[k]],
                     successors,

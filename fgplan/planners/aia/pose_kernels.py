@@ -197,8 +197,8 @@ def remember_successors(
     """Fill in what a row leads to, once; ``ends`` and ``found`` are scratch."""
     if poses.successors[row, 0] != -2:
         return
-    kind = poses.kind[row]
-    follow_controls(motions, obstacles, poses.pose[row], kind, poses.cell[row], ends, found)
+    kind, cell = np.int64(poses.kind[row]), np.int64(poses.cell[row])  # the one type compiled for
+    follow_controls(motions, obstacles, poses.pose[row], kind, cell, ends, found)
     free = 0
     for u in range(motions.controls[kind]):
         after = -1

@@ -189,7 +189,7 @@ def _fill_controls(
     found: IntArray,
 ) -> int:
     """Ends, cells and rows of a pose's controls (-1 blocked, -2 not entered); how many."""
-    kind = poses.kind[row]
+    kind = np.int64(poses.kind[row])  # wide integers, so that each kernel is compiled for one type
     controls = setting.motions.controls[kind]
     if poses.successors.shape[0] == 0:
         follow_controls(
@@ -197,7 +197,7 @@ def _fill_controls(
             setting.obstacles,
             poses.pose[row],
             kind,
-            poses.cell[row],
+            np.int64(poses.cell[row]),
             ends,
             found,
         )
@@ -341,7 +341,7 @@ def draw_controls(
             )
             if j == robots:
                 break
-        row = int(rows[j])
+        row = np.int64(rows[j])
         controls = _fill_controls(setting, poses, row, ends, cells, found)
         preferred = -1
         if not uniform:
@@ -369,7 +369,7 @@ def draw_controls(
         if chosen >= 0:
             drawn[j] = found[chosen]
             if found[chosen] == -2:
-                kind = poses.kind[row]
+                kind = np.int64(poses.kind[row])
                 end = ends[chosen]
                 drawn[j] = enter_pose(poses, setting.fields.frame, kind, end[0], end[1], end[2])
         j += 1
