@@ -160,7 +160,7 @@ class GuidedGrowth(Growth):
         if self.densities.controls is None:
             node = int(tree.tail[k])
             finished = setting.fields.of_goal.max() >= 0 and (
-                self.judgement.judge(tree.covariance[node])[0] <= 1.0
+                self.judgement.judge(tree.covariance[node], int(tree.depth[node]))[0] <= 1.0
             )
             return bool(
                 draw_controls(
@@ -255,7 +255,7 @@ class GuidedGrowth(Growth):
         node = int(tree.counts[NODES])
         k = int(link_node(tree, parent, k, place, rows, cost))
         tree.covariance[node] = self.scratch.covariance
-        shortfall, satisfied = self.judgement.judge(self.scratch.covariance)
+        shortfall, satisfied = self.judgement.judge(self.scratch.covariance, int(tree.depth[node]))
         if shortfall < tree.best[SHORTFALL]:
             tree.best[SHORTFALL] = shortfall
             tree.counts[CLOSEST] = node
