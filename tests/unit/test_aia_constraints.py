@@ -92,3 +92,22 @@ def test_sensors_of_points_are_refused_for_targets_that_have_places_only():
     places = problem.mean.reshape(-1, 2)
     with pytest.raises(InvalidInputError, match="use a linear observation"):
         dataclasses.replace(problem, places=places)
+
+
+def test_a_noisy_target_is_unreachable_whatever_the_others_are():
+    """Static targets settle at zero only after thousands of steps; that must not hide the other."""
+    moving = lattice_problem([(0.0, 0.0)], [(2.0, 2.0)], process=0.1).hidden.blocks[0]
+    problem = lattice_problem([(0.0, 0.0)], [(2.0, 2.0), (1.0, 3.0)], delta=1e-3)
+    hidden = dataclasses.replace(
+        problem.hidden,
+        blocks=(dataclasses.replace(moving, targets=("fox",)), problem.hidden.blocks[1]),
+    )
+    assert "'fox'" in unreachable_reason(dataclasses.replace(problem, hidden=hidden))
+    assert not unreachable_reason(problem)
+    # A noise that ends later does not make the limit unreachable.
+    ending = np.zeros((60, 2, 2))
+    ending[:59] = 0.1 * np.eye(2)
+    blocks = tuple(dataclasses.replace(b, process=ending) for b in problem.hidden.blocks)
+    assert not unreachable_reason(
+        dataclasses.replace(problem, hidden=dataclasses.replace(hidden, blocks=blocks))
+    )

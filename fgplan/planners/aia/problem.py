@@ -25,6 +25,9 @@ from fgplan.riccati.covariance_path import propagate
 from fgplan.typing import ArrayLike, Covariance, FloatArray
 from roadmaps import Workspace
 
+SCALED = ("determinant", "trace", "largest_eigenvalue")
+"""Functions of which a node's shortfall is the number over its limit."""
+
 Scope = Literal["sum", "joint"]
 TerminalScope = Literal["each", "joint"]
 MeasureAt = Literal["parent", "child"]
@@ -106,7 +109,7 @@ class TerminalConstraint:
                 f"terminal constraint: scope: expected 'each' or 'joint', got {self.scope!r}"
             )
         limit = check_finite(np.atleast_1d(self.limit), "terminal constraint: limit", (None,))
-        if self.function in ("determinant", "trace", "largest_eigenvalue") and (limit <= 0).any():
+        if self.function in SCALED and (limit <= 0).any():
             raise InvalidInputError(
                 f"terminal constraint: expected a {self.function} above zero, got {limit.min():g}"
             )
