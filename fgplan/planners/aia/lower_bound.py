@@ -73,8 +73,8 @@ def unreachable_reason(problem: AcquisitionProblem, measure_at: MeasureAt = "par
         return ""
     return (
         f"target {problem.hidden.targets[worst]!r}: its process noise keeps its "
-        f"{problem.terminal.function} at {best[worst]:.3g} or more, the best uncertainty reached if "
-        f"every robot measured it at every step; {limits[worst]:.3g} is asked for"
+        f"{problem.terminal.function} at {best[worst]:.3g} or more, the best uncertainty reached "
+        f"if every robot measured it at every step; {limits[worst]:.3g} is asked for"
     )
 
 
