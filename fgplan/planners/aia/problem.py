@@ -249,6 +249,19 @@ class AcquisitionProblem:
         nothing = [np.zeros((0, self.hidden.size))] * (steps + 1)
         return propagate(self.hidden, block_diag(*self.priors), nothing)
 
+    def open_loop_of(self, target: int, steps: int) -> FloatArray:
+        """Covariance of one target if nothing were measured.
+
+        Args:
+            target: Its place among the targets.
+            steps: Number of steps.
+
+        Returns:
+            Shape (steps + 1, n_i, n_i).
+        """
+        part = self.hidden.slice_of(self.hidden.targets[target])
+        return self.open_loop_covariances(steps)[:, part, part]
+
     def places_until(self, steps: int) -> FloatArray:
         """Predicted places of the targets.
 
