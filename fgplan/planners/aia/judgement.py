@@ -57,10 +57,16 @@ class Judgement:
         whole = self._unmeasured(time) if function.needs_prior else None
         if joint:
             return np.atleast_1d(function.evaluate(self._joint(row), whole))
+        before = None if whole is None else [whole[part, part] for part in self._parts]
+        if self._problem.packed:  # of one size: all at once
+            blocks = unpacked(row, packed=True)
+            return np.asarray(
+                function.evaluate(blocks, None if before is None else np.array(before))
+            )
         return np.array(
             [
-                float(function.evaluate(block, None if whole is None else whole[part, part]))
-                for block, part in zip(self._blocks(row), self._parts, strict=True)
+                float(function.evaluate(block, None if before is None else before[i]))
+                for i, block in enumerate(self._blocks(row))
             ]
         )
 

@@ -148,6 +148,7 @@ class AcquisitionProblem:
         objective_scope: Sum over targets, or of the joint covariance.
         places: Where the targets are, shape (M, 2), if they are no points in the plane (cells of
             a field); such targets stay. Left out, the targets' means are their places.
+        packed: Whether the targets are independent points in the plane, measured one at a time.
     """
 
     workspace: Workspace
@@ -159,6 +160,7 @@ class AcquisitionProblem:
     objective: str = "determinant"
     objective_scope: Scope = "sum"
     places: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    packed: bool = field(init=False)
 
     def __post_init__(self) -> None:
         """Check everything that a planner would otherwise trip over."""
@@ -190,6 +192,9 @@ class AcquisitionProblem:
             for prior, block in zip(self.priors, self.hidden.blocks, strict=True)
         )
         object.__setattr__(self, "priors", priors)
+        points = all(isinstance(s, AbstractSensor) for r in self.robots for s in r.sensors)
+        planar = self.hidden.independent and all(n == 2 for n in self.hidden.sizes)
+        object.__setattr__(self, "packed", points and planar)
         self._check_places()
         self._check_starts()
         self.terminal.limits(self.targets)
@@ -212,12 +217,6 @@ class AcquisitionProblem:
     def objective_function(self) -> UncertaintyFunction:
         """The function that is summed."""
         return uncertainty_function(self.objective)
-
-    @property
-    def packed(self) -> bool:
-        """Whether the targets are independent points in the plane, measured one at a time."""
-        points = all(isinstance(s, AbstractSensor) for r in self.robots for s in r.sensors)
-        return points and self.hidden.independent and all(n == 2 for n in self.hidden.sizes)
 
     @property
     def fixed(self) -> bool:

@@ -4,7 +4,8 @@ Section VI-C of Kantaros et al. 2019 prints: greedy fails on Table I; biased gre
 61.32 at F = 77 in 39.76 minutes (Algorithm 1: 39.35, 77, 56.86 s, differential drive); FVI solves
 one robot and two targets with u in {0, 1} at cost 0.71 in 44.56 s; RIG-tree one and two at 2.25 in
 2.23 s, two and three at 4.41 in 3.91 s, and nothing of Table I within two hours. Scenes, and so
-costs, are ours; each planner has a budget of seconds, far shorter than two hours, which is stated.
+costs, are ours; each planner has a budget of seconds, far shorter than two hours, which is stated;
+greedy ones have four times as much, and 400 steps.
 Over several seeds: they draw the scene 10/20, and are the planner's on the small scenes.
 The yardstick on the small scenes is the optimum: FVI that leaves out what is dearer than this
 planner's plan, and so must find whatever is cheaper.
@@ -32,6 +33,9 @@ from fgplan.reproduce.kantaros_comparison.figure_3 import draw_figure_3
 from roadmaps import Workspace
 
 BASELINES = ("greedy", "biased_greedy", "fvi", "rig_tree", "dec_mcts")
+MYOPIC = ("greedy", "biased_greedy")
+MYOPIC_FACTOR = 4.0
+"""They go a step at a time, and get as much longer, so that their 400 steps decide, not a clock."""
 LARGE = "10/20"
 RESTARTS = "aia, restarts"
 """Goes on after the first feasible plan: trees from scratch, each bounded by the best plan."""
@@ -57,7 +61,7 @@ _EQUAL = 1e-9
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of this reproduction."""
     parser.add_argument(
-        "--seconds", type=float, default=_SECONDS, help="budget of each baseline (default 15)"
+        "--seconds", type=float, default=_SECONDS, help="budget of each planner (default 15)"
     )
 
 
@@ -191,7 +195,8 @@ def plan_scene(
         best_at = found.improvements[-1][0] if found.improvements else None
     else:
         solve = importlib.import_module(f"fgplan.planners.{name}.planner").solve
-        result = solve(problem, Budget(nodes=10**7, seconds=seconds), generator)
+        allowed = seconds * (MYOPIC_FACTOR if name in MYOPIC else 1.0)
+        result = solve(problem, Budget(nodes=10**7, seconds=allowed), generator)
         plan, spent, best_at = result.plan, result.seconds, None
     return {
         "solved": plan is not None,
