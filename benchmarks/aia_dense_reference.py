@@ -10,6 +10,7 @@ one vectorised test. It draws the same random numbers as the planner.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from time import perf_counter
 
 import numpy as np
 
@@ -77,6 +78,7 @@ class DenseReference:
         self.depth = 0
         self.best = np.inf
         self.iterations = 0
+        self.seconds: dict[str, float] = {}
         dets = self._dets(self.prior_covariance)
         self._append(
             -1, self.starts, self._key(self.starts), 0, dets.sum(), self.prior_covariance, dets
@@ -87,7 +89,9 @@ class DenseReference:
         for _ in range(iterations):
             self.iterations += 1
             k = self._draw_group(generator)
+            begun = perf_counter()
             drawn = self._draw_controls(k, generator)
+            self._spent("drawing controls", begun)
             if drawn is None:
                 continue
             key = self._key(drawn)
@@ -95,6 +99,12 @@ class DenseReference:
                 self._extend(index, drawn, key)
             if stop and np.isfinite(self.best):
                 return
+
+    def _spent(self, part: str, begun: float) -> float:
+        """Add the seconds since then to a part; now."""
+        now = perf_counter()
+        self.seconds[part] = self.seconds.get(part, 0.0) + now - begun
+        return now
 
     def _key(self, poses: np.ndarray) -> tuple:
         """A configuration as a key."""
@@ -202,7 +212,9 @@ class DenseReference:
         if key in node.children:
             return
         node.children.add(key)
+        begun = perf_counter()
         rows, noise = self._rows(self.poses[node.group], node.depth)
+        begun = self._spent("measurement rows", begun)
         covariance = node.covariance
         if len(rows):
             cross = covariance @ rows.T
@@ -211,6 +223,7 @@ class DenseReference:
             covariance = covariance - cross @ np.linalg.solve(innovation, cross.T)
         covariance = self.transition @ covariance @ self.transition.T + self.process_covariance
         dets = self._dets(covariance)
+        self._spent("dense Riccati map", begun)
         self._append(index, poses, key, node.depth + 1, node.cost + dets.sum(), covariance, dets)
 
     def _append(
@@ -240,7 +253,9 @@ class DenseReference:
         if satisfied.all():
             self.best = min(self.best, cost)
         before = None if parent < 0 else self.nodes[parent].assigned
+        begun = perf_counter()
         assigned = self._assign(poses, depth, satisfied, before)
+        self._spent("assignment", begun)
         self.members[k].append(len(self.nodes))
         self.nodes.append(Node(parent, k, depth, cost, covariance, assigned))
 

@@ -1,5 +1,6 @@
 """Targets that move: execute a plan, or measure, filter and plan again every few steps.
 
+One seed shows how, not how well: `fgplan reproduce kantaros-adaptive` runs ten.
 Run it from anywhere: `python examples/14_moving_targets.py`.
 """
 

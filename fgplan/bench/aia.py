@@ -161,6 +161,8 @@ def _rates(
     began = time.perf_counter()
     reference.run(_REFERENCE_NODES, np.random.default_rng(0), stop=False)
     reference_seconds = time.perf_counter() - began
+    shares = {part: spent / reference_seconds for part, spent in reference.seconds.items()}
+    shares["the rest"] = 1.0 - sum(shares.values())
     same = Growth(problem, options, prepared)
     same.plant()
     same.run(_REFERENCE_NODES, np.random.default_rng(0))
@@ -182,6 +184,7 @@ def _rates(
         "max_abs_diff": difference,
         "nodes_per_second": rate,
         "reference_nodes_per_second": reference_rate,
+        "reference_shares": shares,
         "ratio_per_node": rate / reference_rate,
         "uncompiled_nodes_per_second": uncompiled_rate,
         "ratio_uncompiled": uncompiled_rate / reference_rate,
@@ -302,6 +305,8 @@ def _summary(results: Mapping[str, Any]) -> tuple[str, ...]:
         f"a node: {1e6 / results['nodes_per_second']:.2f} us against "
         f"{1e6 / results['reference_nodes_per_second']:.0f} us, ratio "
         f"{results['ratio_per_node']:.0f}; without the compiler {results['ratio_uncompiled']:.1f}",
+        "the reference's time: "
+        + ", ".join(f"{part} {share:.0%}" for part, share in results["reference_shares"].items()),
         f"first plan: {results['first_plan_ms']:.2f} ms against "
         f"{results['reference_first_plan_ms']:.1f} ms, set-up {results['setup_ms']:.1f} ms for "
         f"both: end to end {results['ratio_end_to_end']:.1f}",

@@ -78,6 +78,10 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
         "fgplan.reproduce.kantaros_convergence.command:run",
         "how often the optimal path is in the tree, against bound (7) of Kantaros et al. 2019",
     ),
+    "kantaros-adaptive": RegisteredCommand(
+        "fgplan.reproduce.kantaros_adaptive.command:run",
+        "moving targets: planning again every few measurements, as Kantaros et al. 2019 propose",
+    ),
 }
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {

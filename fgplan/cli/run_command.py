@@ -208,6 +208,9 @@ def _begin(path: Path, scenario: Scenario, folder: Path, log: LogRun | None) -> 
 
 def _find_planner(scenario: Scenario, place: Place) -> AbstractPlanner:
     """The planner that the scenario names; a user's own may lie beside the scenario."""
+    for option, value in scenario.planner_options.items():
+        if isinstance(value, str) and is_object_name(value):
+            load_object(value, place.at(f"planner.{scenario.planner_name}.{option}"))
     where = place.at("planner.name")
     if is_object_name(scenario.planner_name):
         load_object(scenario.planner_name, where)

@@ -72,18 +72,16 @@ def find_object(name: str, known: dict[str, str], what: str) -> Any:  # noqa: AN
     """
     target = known.get(name, name)
     module_name, colon, attribute = target.partition(":")
-    names = ", ".join(sorted(known))
+    names = f"one of {', '.join(sorted(known))}, or your own" if known else "your own"
     if not colon:
-        raise UnknownNameError(
-            f"{what} {name!r}: expected one of {names}, or your own as 'module:object'"
-        )
+        raise UnknownNameError(f"{what} {name!r}: expected {names} as 'module:object'")
     try:
         found: Any = importlib.import_module(module_name)
         for part in attribute.split("."):
             found = getattr(found, part)
     except (ImportError, AttributeError, ValueError) as error:
         raise UnknownNameError(
-            f"{what} {name!r}: cannot import {target!r}: {error}; expected one of {names}, or "
-            "your own as 'module:object' on the import path"
+            f"{what} {name!r}: cannot import {target!r}: {error}; expected {names} as "
+            "'module:object' on the import path"
         ) from error
     return found

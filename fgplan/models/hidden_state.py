@@ -12,7 +12,7 @@ A, d and Q are constant, or vary with a leading axis over time; past its end the
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -191,6 +191,17 @@ class HiddenState:
             start += block.size
         return frozen(means)
 
+    def later(self, time: int) -> "HiddenState":
+        """The same dynamics with the clock set to zero at a later time.
+
+        Args:
+            time: Step, 0 or more.
+
+        Returns:
+            Blocks whose series begin there.
+        """
+        return HiddenState(tuple(_later(block, time) for block in self.blocks))
+
     def sample(self, state: ArrayLike, time: int, generator: np.random.Generator) -> FloatArray:
         """Draw x(t + 1) given x(t).
 
@@ -291,6 +302,20 @@ def independent_targets(
 def _entry(series: FloatArray, time: int, axes: int) -> FloatArray:
     """The entry of a step: constant, or the last one past the end."""
     return series if series.ndim == axes else series[min(time, len(series) - 1)]
+
+
+def _later(block: HiddenBlock, time: int) -> HiddenBlock:
+    """A block whose series begin at a later time; the last entry holds."""
+
+    def rest(series: FloatArray, axes: int) -> FloatArray:
+        return series if series.ndim == axes else series[min(time, len(series) - 1) :]
+
+    return replace(
+        block,
+        transition=rest(block.transition, 2),
+        drift=rest(block.drift, 1),
+        process=rest(block.process, 2),
+    )
 
 
 def _check_series(values: ArrayLike, name: str, shape: tuple[int, ...]) -> FloatArray:

@@ -1,8 +1,8 @@
 """Pictures of a team that gathers information: figures 3 and 4 of Kantaros et al. 2019, and a film.
 
 Paths in the robots' colours from a star to a square; targets with their ellipses at the start, half
-way and the end, the later the darker; what a robot senses at the end as a circle. Ellipses are
-drawn larger where they could not be seen, and the legend says by how much.
+way and the end, the later the darker; what a robot senses at the end as a dotted circle of its
+colour. Ellipses are to scale: at the end they may be no larger than the dot of their target.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 
 _SIGMAS = 2.0
 _TARGET = "#444444"
+_UNITS = {
+    "determinant": " (m⁴)",
+    "trace": " (m²)",
+    "largest_eigenvalue": " (m²)",
+    "entropy": " (nats)",
+    "mutual_information": " (nats)",
+}
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
 
@@ -54,15 +61,10 @@ def draw_team_path(problem: AcquisitionProblem, path: TeamPath, title: str) -> "
     _draw_robots(axes, problem, path.poses)
     picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
     picture.entry("end of its path", color="#888888", marker="s", ms=7)
-    reach = max(getattr(s, "max_range_m", np.inf) for r in problem.robots for s in r.sensors)
+    reach = _reach_m(problem)
     if np.isfinite(reach):
-        for pose in path.poses[-1]:
-            axes.add_patch(
-                matplotlib_module("patches").Circle(
-                    pose[:2], reach, fill=False, ec="#BBBBBB", lw=0.7, ls=":", zorder=2
-                )
-            )
-        picture.entry(f"sensing range {reach:g} m", color="#BBBBBB", ls=":")
+        _draw_reach(axes, problem, path.poses[-1], reach)
+        picture.entry(f"sensing range {reach:g} m,\nat the end", color="#888888", ls=":")
     for share, alpha in _MOMENTS:
         step = round(share * path.horizon)
         _draw_targets(axes, places[step], path.covariances[step], alpha)
@@ -92,18 +94,20 @@ def draw_uncertainty(problem: AcquisitionProblem, paths: dict[str, TeamPath]) ->
     for label, path in paths.items():
         values = np.array(
             [
-                function.evaluate(path.of_target(problem, i), path.of_target(problem, i)[0])
+                function.evaluate(path.of_target(problem, i), problem.open_loop_of(i, path.horizon))
                 for i in range(problem.targets)
             ]
         )
         worst = values.min(axis=0) if function.needs_prior else values.max(axis=0)
-        axes.plot(worst, color=styles[label].color, label=f"{label}: worst target")
+        axes.plot(worst, color=styles[label].color, lw=2, label=label)
     for limit in np.unique(np.asarray(problem.terminal.limit)):
         axes.axhline(float(limit), color="#888888", ls="--", label=f"limit {limit:.3g}")
     if function.positive and not function.needs_prior:
         axes.set_yscale("log")
-    axes.set_xlabel("step")
-    axes.set_ylabel(function.name.replace("_", " "))
+    axes.set_xlabel("time (steps)")
+    unit = _UNITS.get(function.name, "")
+    axes.set_ylabel(f"{function.name.replace('_', ' ')} of the worst target{unit}")
+    axes.grid(color="#E0E0E0", lw=0.8)
     axes.legend(frameon=False)
     return figure
 
@@ -140,14 +144,20 @@ def _frames(problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int]) -
     """One picture a step."""
     from PIL import Image
 
-    places = target_positions(problem, path.horizon)
+    places, reach = target_positions(problem, path.horizon), _reach_m(problem)
     for step in steps:
         workspace = problem.workspace
         picture = MapPicture((workspace.lower, workspace.upper))
         axes = picture.axes[0]
         draw_workspace(picture, axes, workspace)
         _draw_robots(axes, problem, path.poses[: step + 1])
+        if np.isfinite(reach):
+            _draw_reach(axes, problem, path.poses[step], reach)
+            picture.entry(f"sensing range {reach:g} m", color="#888888", ls=":")
         _draw_targets(axes, places[step], path.covariances[step], 1.0)
+        picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
+        picture.entry("robot, with its way", color="#888888", marker="s", ms=7)
+        picture.entry(f"target with its {_SIGMAS:g}σ", color=_TARGET, marker="o", ls="", ms=5)
         figure = picture.finish(f"step {step} of {path.horizon}")
         figure.canvas.draw()
         pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
@@ -163,6 +173,23 @@ def _draw_robots(axes: "Axes", problem: AcquisitionProblem, poses: FloatArray) -
         axes.plot(*way.T, color=style.color, ls=style.dash, lw=1.4, zorder=5)
         axes.plot(*way[0], "*", color=style.color, mec="white", mew=0.5, ms=10, zorder=7)
         axes.plot(*way[-1], "s", color=style.color, mec="white", mew=0.5, ms=6, zorder=7)
+
+
+def _reach_m(problem: AcquisitionProblem) -> float:
+    """Longest range of any sensor, metres; infinite where one has no limit."""
+    return max(getattr(s, "max_range_m", np.inf) for r in problem.robots for s in r.sensors)
+
+
+def _draw_reach(
+    axes: "Axes", problem: AcquisitionProblem, poses: FloatArray, reach_m: float
+) -> None:
+    """What each robot senses, as a circle of its colour."""
+    styles = robot_styles([robot.name for robot in problem.robots])
+    for robot, pose in zip(problem.robots, poses, strict=True):
+        circle = matplotlib_module("patches").Circle(
+            pose[:2], reach_m, fill=False, ec=styles[robot.name].color, lw=0.8, ls=":", zorder=2
+        )
+        axes.add_patch(circle)
 
 
 def _draw_targets(axes: "Axes", places: FloatArray, covariances: FloatArray, alpha: float) -> None:

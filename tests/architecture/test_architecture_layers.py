@@ -4,6 +4,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -29,6 +32,24 @@ def test_importing_the_packages_is_light():
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.full
+def test_importing_fgplan_is_hardly_slower_than_importing_gtsam():
+    """At most 0.25 s more; the least of several, interleaved, as the machine is shared."""
+    least = {"gtsam": np.inf, "fgplan": np.inf}
+    for _ in range(7):
+        for name in least:
+            program = f"import time; t = time.perf_counter(); import {name}; "
+            done = subprocess.run(
+                [sys.executable, "-c", program + "print(time.perf_counter() - t)"],
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            least[name] = min(least[name], float(done.stdout))
+    assert least["fgplan"] - least["gtsam"] <= 0.25, least
 
 
 def test_the_command_starts_without_numpy():

@@ -4,13 +4,20 @@ Its stated covariances and cost come out, the terminal constraint holds at the e
 before, every step is a control, and no way crosses an obstacle.
 """
 
+import dataclasses
+
 import gtsam
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from fgplan.bench.aia_scene import kantaros_scene
+from fgplan.models.hidden_state import HiddenBlock, HiddenState
+from fgplan.models.motion_primitives import differential_drive
+from fgplan.models.range_bearing import BearingRangeSensor
 from fgplan.planners.aia.options import tree_options
 from fgplan.planners.aia.search import search
+from fgplan.riccati.covariance_path import propagate
 
 
 def marginal(problem, path, target, step, *, at_child):
@@ -96,3 +103,57 @@ def test_a_plan_replayed_through_factor_graphs_is_what_it_says(
             way = robot.primitives.waypoints[u] @ turn.T + path.poses[t, j, :2]
             way = np.vstack([path.poses[t, j, :2], way])
             assert problem.workspace.are_motions_valid(way[:-1], way[1:]).all()
+
+
+def test_a_team_of_two_kinds_before_targets_whose_dynamics_vary_with_time():
+    """Heterogeneous robots; A, d and Q that change at every step: against the dense recursion."""
+    generator = np.random.default_rng(4)
+    base = kantaros_scene(2, 3, generator, delta=1e-3)
+    steps = 200
+    blocks = []
+    for i in range(3):
+        turn = 0.002 * generator.standard_normal((steps, 2, 2))
+        process = np.abs(generator.normal(0.0, 2e-6, (steps, 1, 1))) * np.eye(2)
+        block = HiddenBlock(
+            targets=(f"t{i}",),
+            transition=np.eye(2) + turn,
+            drift=-np.einsum("tij,j->ti", turn, base.mean.reshape(-1, 2)[i]),
+            process=process,
+        )
+        blocks.append(block)
+    first, second = base.robots
+    second = dataclasses.replace(
+        second,
+        primitives=differential_drive((0.0, 0.3)),
+        sensors=(
+            BearingRangeSensor(
+                bearing_sigma_rad=0.1, range_sigma_m=0.2, max_range_m=3.0, field_of_view_rad=2.5
+            ),
+        ),
+    )
+    problem = dataclasses.replace(base, robots=(first, second), hidden=HiddenState(tuple(blocks)))
+    path = search(problem, tree_options("pruned", iterations=20_000), np.random.default_rng(0)).plan
+    assert path is not None
+    means = problem.hidden.predicted_means(problem.mean, path.horizon)
+    rows = []
+    for t in range(path.horizon + 1):
+        seen = [np.zeros((0, 6))]
+        for j, robot in enumerate(problem.robots):
+            for i in range(3):
+                place, wide = means[t, 2 * i : 2 * i + 2], np.zeros((2, 6))
+                if robot.sensors[0].visible(path.poses[t, j], place, problem.workspace):
+                    _, weighted = robot.sensors[0].linearise(path.poses[t, j], place)
+                    wide[: len(weighted), 2 * i : 2 * i + 2] = weighted
+                    seen.append(wide)
+        rows.append(np.concatenate(seen))
+    dense = propagate(problem.hidden, block_diag(*problem.priors), rows)
+    for i in range(3):
+        part = slice(2 * i, 2 * i + 2)
+        np.testing.assert_allclose(
+            path.covariances[:, i], dense[:, part, part], rtol=0, atol=1e-9 * dense[0].max()
+        )
+    for j, robot in enumerate(problem.robots):
+        for t in range(path.horizon):
+            after = robot.primitives.successors(path.poses[t, j])
+            offset = np.linalg.norm(after[:, :2] - path.poses[t + 1, j, :2], axis=1)
+            assert offset.min() < 1e-6

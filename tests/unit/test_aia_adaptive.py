@@ -18,6 +18,21 @@ from fgplan.viz.information_gathering import draw_team_path, draw_uncertainty, f
 OPTIONS = tree_options("reproduction", iterations=3000, expand="node")
 
 
+def test_runs_of_one_seed_differ_in_their_plans_alone():
+    problem = kantaros_scene(4, 6, np.random.default_rng(1), moving=True, delta=1e-4)
+    runs = [
+        track(
+            problem, OPTIONS, np.random.default_rng(1), steps=40, replan_every=every, hypotheses=1
+        )
+        for every in (None, 5)
+    ]
+    np.testing.assert_array_equal(runs[0].truth, runs[1].truth)
+    assert problem.workspace.are_positions_valid(runs[0].truth[0]).all()
+    assert (runs[0].plans, runs[1].plans) == (1, 8)
+    assert runs[1].rms_m[-1] < runs[1].rms_m[0]
+
+
+@pytest.mark.full
 def test_planning_again_helps_where_the_targets_move():
     offline, online = [], []
     for seed in range(3):
@@ -45,7 +60,9 @@ def test_a_linear_sensor_makes_the_filter_consistent():
             drifts=np.full((2, 2), 0.01),
             delta=1e-3,
         )
-        run = track(problem, OPTIONS, np.random.default_rng(seed), steps=6, replan_every=2)
+        run = track(
+            problem, OPTIONS, np.random.default_rng(seed), steps=6, replan_every=2, hypotheses=1
+        )
         spread.append(run.consistency)
     # Chi-square of two degrees of freedom, 60 of them: mean 2, deviation 2 / sqrt(60).
     assert abs(np.mean(spread) - 2.0) < 4 * 2 / np.sqrt(60)

@@ -9,6 +9,7 @@ from fgplan.reproduce.kantaros_comparison.command import (
     plan_scene,
     requirements,
     small_scenes,
+    summarise,
     summary,
 )
 
@@ -21,16 +22,16 @@ def scene():
     return small_scenes()["1/2"]
 
 
-def row(scene, planner, cost):
+def row(scene, planner, cost, seed=0):
     return {
         "scene": scene,
         "planner": planner,
+        "seed": seed,
         "solved": cost is not None,
         "cost": cost,
         "horizon": None if cost is None else 7,
         "runtime_s": 0.5,
         "best_at_s": 0.25 if planner == "aia" else None,
-        "published": "2.25 in 2.23 s" if planner == "rig_tree" else "",
     }
 
 
@@ -79,12 +80,26 @@ def test_requirements_of_a_small_scene(ours, other, optimum, met):
     assert [need.met for need in requirements(rows, optima)] == met
 
 
+def test_every_seed_counts():
+    rows = [row("10/20", name, 30.0, seed) for seed in (0, 1) for name in ("aia", RESTARTS)]
+    assert all(need.met for need in requirements(rows, []))
+    cheaper = [*rows, row("10/20", "dec_mcts", 29.0, seed=1)]
+    assert [need.met for need in requirements(cheaper, [])] == [True, False]
+    unsolved = [*rows[:2], row("10/20", "aia", None, 1), rows[3]]
+    assert [need.met for need in requirements(unsolved, [])] == [False]
+    first, second = summarise([row("10/20", "aia", 20.0), row("10/20", "aia", 30.0, 1), rows[1]])
+    assert (first["solved"], first["seeds"], second["seeds"]) == (2, 2, 1)
+    assert (first["cost"], first["least_cost"], first["greatest_cost"]) == (25.0, 20.0, 30.0)
+    (nobody,) = summarise([row("10/20", "fvi", None)])
+    assert (nobody["solved"], nobody["cost"], nobody["horizon"]) == (0, None, None)
+
+
 def test_the_large_scene_compares_what_has_the_same_time():
     rows = [row("10/20", "aia", 31.4), row("10/20", RESTARTS, 27.0), row("10/20", "fvi", None)]
     rows.append(row("10/20", "dec_mcts", 31.2))
     needs = requirements(rows, [])
     assert [need.name for need in needs] == [
-        "10/20: aia solves it",
+        "10/20: aia solves every seed",
         "10/20: nobody is cheaper than aia, restarts",
     ]
     assert all(need.met for need in needs)
@@ -96,9 +111,9 @@ def test_lines_say_who_failed_and_what_is_published():
         {"scene": "1/2", "cost": 0.5, "nodes": 7, "runtime_s": 0.1},
         {"scene": "2/3", "cost": None, "nodes": 9, "runtime_s": 0.1},
     ]
-    lines = summary(rows, optima)
+    lines = summary(summarise(rows), optima)
     assert len(lines) == 5
-    assert "cost   0.500, F   7 in 0.50 s, had after 0.25 s" in lines[0]
+    assert "1/1 cost   0.500 (0.500 to 0.500), F   7.0 in 0.50 s, had after 0.25 s" in lines[0]
     assert "no plan within the budget" in lines[1]
     assert lines[2].endswith("published: 2.25 in 2.23 s")
     assert "optimum        cost 0.500000, 7 nodes" in lines[3]

@@ -1,11 +1,14 @@
 """The closed loop: move, measure, filter, and plan again every few measurements.
 
 "Algorithm 1 can be coupled with a Model Predictive Control approach where the robots redesign their
-paths every few measurements" (section VI-A of Kantaros et al. 2019). The targets' estimate is an
-extended Kalman filter's, linearised about it; the truth is drawn from the prior and moves by the
-hidden state's own dynamics. Never planning again executes the offline plan with the same filter:
-what the loop is compared with. Once a plan is at its end, or none is feasible, the robots stay and
-go on measuring.
+paths every few measurements" (section VI-A of Kantaros et al. 2019). The targets' estimate is that
+of a bank of extended Kalman filters (``target_belief``), or of a single one; the truth is drawn
+from the prior, in free space, and moves by the hidden state's own dynamics. Never planning again
+executes the offline plan with the same filter: what the loop is compared with. Once a plan is at
+its end, or none is feasible, the robots stay and go on measuring.
+
+A plan counts what is measured where it begins. So a new one begins with the covariance from before
+the last measurements, about the mean after them: nothing is counted twice.
 """
 
 import dataclasses
@@ -16,21 +19,25 @@ import numpy as np
 
 from fgplan.checks import frozen
 from fgplan.errors import InvalidInputError
-from fgplan.models.measurement import Measurement
 from fgplan.models.pose import between
 from fgplan.models.sensor import AbstractSensor
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.search import search
-from fgplan.riccati.gaussian import predict, update
+from fgplan.planners.aia.target_belief import (
+    miss_belief,
+    predict_belief,
+    split_prior,
+    update_belief,
+)
 from fgplan.simulation.simulate import advance, start
 from fgplan.simulation.step import SimulationStep
 from fgplan.simulation.world import World, WorldRobot
 from fgplan.typing import Covariance, FloatArray
 
-_DIFFERENCE = 1e-5
-"""Step of the differences that give second derivatives, metres."""
+_HYPOTHESES = 7
+_TRIES = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,6 +90,7 @@ def track(
     *,
     steps: int,
     replan_every: int | None,
+    hypotheses: int = _HYPOTHESES,
 ) -> TrackingRun:
     """Run the closed loop.
 
@@ -93,6 +101,7 @@ def track(
             one seed differ in their plans alone.
         steps: How long.
         replan_every: Steps between plans; None plans once.
+        hypotheses: Filters of each target along each axis of its prior; 1 is a single one.
 
     Returns:
         What happened.
@@ -104,15 +113,15 @@ def track(
         raise InvalidInputError(
             "closed loop: expected independent targets in the plane and sensors of points"
         )
-    if steps < 1 or (replan_every is not None and replan_every < 1):
+    if steps < 1 or (replan_every is not None and replan_every < 1) or hypotheses < 1:
         raise InvalidInputError(
-            f"closed loop: expected steps and replan_every of at least 1, got {steps} and "
-            f"{replan_every}"
+            f"closed loop: expected steps, replan_every and hypotheses of at least 1, got {steps}, "
+            f"{replan_every} and {hypotheses}"
         )
     world = _world(problem, generator)
     planning = generator.spawn(1)[0]
     first = start(world, generator)
-    tracker = _Tracker(problem)
+    tracker = _Tracker(problem, hypotheses)
     state = first.state
     history = [tracker.measured(first)]
     planned: FloatArray = np.zeros((0, len(problem.robots), 3))
@@ -123,7 +132,7 @@ def track(
     for step in range(steps):
         due = step == 0 or (replan_every is not None and step % replan_every == 0)
         if due:
-            now = tracker.problem(state.poses, fields)
+            now = tracker.problem(state.poses, fields, step)
             found = search(now, options, planning, fields=fields)
             plans += 1
             if found.plan is not None:
@@ -148,36 +157,49 @@ def track(
 
 
 class _Tracker:
-    """The extended Kalman filter of all targets, one block each."""
+    """The filters of all targets, one block each."""
 
-    def __init__(self, problem: AcquisitionProblem) -> None:
+    def __init__(self, problem: AcquisitionProblem, hypotheses: int) -> None:
         self._problem = problem
-        self._means = [np.array(mean) for mean in problem.mean.reshape(-1, 2)]
-        self._covariances: list[Covariance] = [np.array(prior) for prior in problem.priors]
+        self._beliefs = [
+            split_prior(np.array(mean), np.array(prior), hypotheses)
+            for mean, prior in zip(problem.mean.reshape(-1, 2), problem.priors, strict=True)
+        ]
+        self._before = list(problem.priors)
         self._sensors = _sensor_names(problem)
 
     def predict(self, time: int) -> None:
         """Predict all targets from a time to the next."""
         for i, block in enumerate(self._problem.hidden.blocks):
-            self._means[i], self._covariances[i] = predict(
-                self._means[i], self._covariances[i], *block.at(time)
-            )
+            self._beliefs[i] = predict_belief(self._beliefs[i], *block.at(time))
+        self._before = [belief.covariance for belief in self._beliefs]
 
     def measured(
         self, step: SimulationStep
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Update by a step's measurements; poses, truth, estimates and covariances after it."""
-        for measurement in step.measurements:
-            self._update(measurement, step)
+        world = self._problem.workspace
+        came = {(one.sensor, str(one.target)): one for one in step.measurements}
+        for robot in self._problem.robots:
+            for place in range(len(robot.sensors)):
+                name, pose = f"{robot.name} {place}", step.poses[robot.name]
+                for i, target in enumerate(self._problem.hidden.targets):
+                    reading, belief = came.get((name, target)), self._beliefs[i]
+                    sensor = self._sensors[name]
+                    if reading is None:
+                        self._beliefs[i] = miss_belief(belief, sensor, pose, world)
+                    else:
+                        self._beliefs[i] = update_belief(belief, sensor, pose, reading, world)
         poses = np.array([step.poses[robot.name] for robot in self._problem.robots])
         truth = np.asarray(step.state.hidden_state).reshape(-1, 2)
-        return poses, truth, np.array(self._means), np.array(self._covariances)
+        means = np.array([belief.mean for belief in self._beliefs])
+        return poses, truth, means, np.array([belief.covariance for belief in self._beliefs])
 
     def problem(
-        self, poses: Mapping[str, FloatArray], fields: GeodesicFields
+        self, poses: Mapping[str, FloatArray], fields: GeodesicFields, time: int
     ) -> AcquisitionProblem:
         """The problem as it is now: what is left to learn, from where the robots are."""
-        means = [self._in_free_space(mean, fields) for mean in self._means]
+        means = [self._in_free_space(belief.mean, fields) for belief in self._beliefs]
         robots = tuple(
             dataclasses.replace(robot, pose=np.array(poses[robot.name]))
             for robot in self._problem.robots
@@ -185,33 +207,10 @@ class _Tracker:
         return dataclasses.replace(
             self._problem,
             robots=robots,
+            hidden=self._problem.hidden.later(time),
             mean=np.concatenate(means),
-            priors=tuple(self._covariances),
+            priors=tuple(self._before),
         )
-
-    def _update(self, measurement: Measurement, step: SimulationStep) -> None:
-        """Update one target: an extended filter of second order.
-
-        A range bends within the spread of an estimate near by, and a filter of first order then
-        believes what is not so. The mean and spread of what the Hessians H_a of the measurement
-        add, tr(H_a P) / 2 and tr(H_a P H_b P) / 2, go into innovation and noise. The noise of the
-        sensor is what it reports with its reading.
-        """
-        sensor = self._sensors[measurement.sensor]
-        i = self._problem.hidden.targets.index(str(measurement.target))
-        pose, mean, spread = step.poses[measurement.robot], self._means[i], self._covariances[i]
-        _, rows = sensor.jacobians(pose, mean)
-        moved = [
-            sensor.jacobians(pose, mean + sign * _DIFFERENCE * unit)[1]
-            for unit in np.eye(2)
-            for sign in (1.0, -1.0)
-        ]
-        bends = np.stack([moved[0] - moved[1], moved[2] - moved[3]], axis=2) / (2.0 * _DIFFERENCE)
-        bent = bends @ spread
-        noise = measurement.covariance + 0.5 * np.einsum("aij,bji->ab", bent, bent)
-        expected = sensor.predict(pose, mean) + 0.5 * np.trace(bent, axis1=1, axis2=2)
-        innovation = sensor.difference(np.array(measurement.value), expected)
-        self._means[i], self._covariances[i] = update(mean, spread, rows, noise, innovation)
 
     def _in_free_space(self, mean: FloatArray, fields: GeodesicFields) -> FloatArray:
         """The estimate, or the nearest free centre of a cell where it is inside an obstacle."""
@@ -233,9 +232,9 @@ def _sensor_names(problem: AcquisitionProblem) -> dict[str, AbstractSensor]:
 
 
 def _world(problem: AcquisitionProblem, generator: np.random.Generator) -> World:
-    """A world whose targets are drawn from the prior."""
+    """A world whose targets are drawn from the prior, where it is free."""
     truth = [
-        generator.multivariate_normal(mean, prior)
+        _drawn(problem, mean, prior, generator)
         for mean, prior in zip(problem.mean.reshape(-1, 2), problem.priors, strict=True)
     ]
     robots = [
@@ -253,6 +252,15 @@ def _world(problem: AcquisitionProblem, generator: np.random.Generator) -> World
         hidden=problem.hidden,
         hidden_state=np.concatenate(truth),
     )
+
+
+def _drawn(
+    problem: AcquisitionProblem, mean: FloatArray, prior: Covariance, generator: np.random.Generator
+) -> FloatArray:
+    """A draw that is not inside an obstacle, where no robot could see it."""
+    draws = generator.multivariate_normal(mean, prior, _TRIES)
+    free = problem.workspace.are_positions_valid(draws)
+    return np.asarray(draws[int(np.argmax(free))])
 
 
 def _cell_m(problem: AcquisitionProblem, options: TreeOptions) -> float:

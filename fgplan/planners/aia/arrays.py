@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 
 from fgplan.errors import InvalidInputError
 from fgplan.models.hidden_state import HiddenState
+from fgplan.models.uncertainty import uncertainty_function
 from fgplan.planners.aia.assignment_kernels import Fields
 from fgplan.planners.aia.covariance_kernels import Dynamics
 from fgplan.planners.aia.criteria_arrays import BUILT_IN, criteria_arrays
@@ -133,6 +134,7 @@ def prepare(
         compiled_terminal=compiled_terminal,
         compiled_objective=problem.objective in BUILT_IN,
         constant=problem.fixed
+        and (problem.still or not uncertainty_function(problem.terminal.function).needs_prior)
         and all(b.transition.ndim == 2 and b.process.ndim == 2 for b in problem.hidden.blocks),
     )
 

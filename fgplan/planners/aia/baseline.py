@@ -72,18 +72,23 @@ class Clock:
         over = time.perf_counter() - self.began >= self.budget.seconds
         return over or self.nodes >= self.budget.nodes
 
-    def result(self, path: TeamPath | None, shortfall: float) -> "BaselineResult":
+    def result(
+        self, path: TeamPath | None, shortfall: float, walked: TeamPath | None = None
+    ) -> "BaselineResult":
         """Close the account.
 
         Args:
             path: What was found.
             shortfall: Least shortfall reached.
+            walked: Where a myopic planner went.
 
         Returns:
             The result.
         """
         seconds = time.perf_counter() - self.began
-        return BaselineResult(plan=path, shortfall=shortfall, nodes=self.nodes, seconds=seconds)
+        return BaselineResult(
+            plan=path, shortfall=shortfall, nodes=self.nodes, seconds=seconds, walked=walked
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,12 +100,15 @@ class BaselineResult:
         shortfall: Worst target's number over its limit at the best state.
         nodes: States kept or simulated.
         seconds: Real seconds.
+        walked: Where a myopic planner went, though it may not have come to its end; None of those
+            that search before they go.
     """
 
     plan: TeamPath | None
     shortfall: float
     nodes: int
     seconds: float
+    walked: TeamPath | None = None
 
 
 Solve = Callable[[AcquisitionProblem, Budget, np.random.Generator], BaselineResult]

@@ -125,11 +125,12 @@ class RowJudgement:
         joint = _joint(numbers, criteria.objective)
         return float(np.exp(joint)) if criteria.objective == DETERMINANT else joint
 
-    def judge(self, row: FloatArray) -> tuple[float, BoolArray]:
+    def judge(self, row: FloatArray, time: int) -> tuple[float, BoolArray]:
         """Shortfall of the terminal constraint, and which targets are satisfied.
 
         Args:
             row: Covariances, shape (3 M,).
+            time: When; these criteria are the same at all times.
         """
         criteria = self._criteria
         numbers = self._numbers  # of a node's covariance, read for its cost before

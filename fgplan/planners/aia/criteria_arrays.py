@@ -1,13 +1,15 @@
 """Objective and terminal constraint as the numbers that the compiled kernels work on.
 
 ``log_determinant``, ``entropy`` H = (n log(2 pi e) + log det) / 2 and ``mutual_information``
-I = (log det Sigma(0) - log det) / 2 are determinants with another limit; a user's own function is
-read in Python, and its limit here is never met.
+I = (log det Sigma_0(F) - log det) / 2, with Sigma_0 the covariance without any measurement, are
+determinants with another limit. A user's own function is read in Python, and its limit here is
+never met; so is the mutual information where Sigma_0 is not the prior's, but moves.
 """
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from fgplan.models.uncertainty import uncertainty_function
 from fgplan.planners.aia.covariance_kernels import (
     DETERMINANT,
     JOINT,
@@ -43,7 +45,8 @@ def criteria_arrays(problem: AcquisitionProblem) -> tuple[Criteria, bool]:
     sizes = np.array([problem.hidden.size] if joint else problem.hidden.sizes, dtype=np.float64)
     code = BUILT_IN.get(terminal.function, DETERMINANT)
     known = True
-    if terminal.function in ("log_determinant", "entropy", "mutual_information"):
+    moves = uncertainty_function(terminal.function).needs_prior and not problem.still
+    if terminal.function in ("log_determinant", "entropy", "mutual_information") and not moves:
         logarithms = _log_determinant_limits(problem, terminal, limits, sizes)
     elif terminal.function in BUILT_IN:
         logarithms = np.log(limits)

@@ -159,7 +159,8 @@ class GuidedGrowth(Growth):
         tree, setting = self.tree, self.prepared.setting
         if self.densities.controls is None:
             node = int(tree.tail[k])
-            finished = self._goals and self.judgement.judge(tree.covariance[node])[0] <= 1.0
+            t = int(tree.depth[node])
+            finished = self._goals and self.judgement.judge(tree.covariance[node], t)[0] <= 1.0
             return bool(
                 draw_controls(
                     setting,
@@ -259,7 +260,7 @@ class GuidedGrowth(Growth):
         node = int(tree.counts[NODES])
         k = self._link(parent, k, rows, cost)
         tree.covariance[node] = after
-        shortfall, satisfied = self.judgement.judge(after)
+        shortfall, satisfied = self.judgement.judge(after, int(tree.depth[node]))
         if shortfall < tree.best[SHORTFALL]:
             tree.best[SHORTFALL] = shortfall
             tree.counts[CLOSEST] = node

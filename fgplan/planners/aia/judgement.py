@@ -6,7 +6,7 @@ The numbers are those of ``covariance_kernels`` where both know the function (a 
 import numpy as np
 
 from fgplan.models.uncertainty import uncertainty_function
-from fgplan.planners.aia.arrays import covariance_row, unpacked
+from fgplan.planners.aia.arrays import unpacked
 from fgplan.planners.aia.covariance_kernels import DETERMINANT
 from fgplan.planners.aia.criteria_arrays import BUILT_IN, criteria_arrays
 from fgplan.planners.aia.problem import AcquisitionProblem
@@ -24,11 +24,10 @@ class Judgement:
         """
         self._problem = problem
         self._criteria, self._compiled = criteria_arrays(problem)
-        self._root = covariance_row(problem)
         sizes = problem.hidden.sizes
         ends = np.cumsum(sizes)
         self._parts = [slice(int(e - n), int(e)) for e, n in zip(ends, sizes, strict=True)]
-        self._prior = self._blocks(self._root)
+        self._open_loop = problem.open_loop_covariances(0)
 
     def _blocks(self, row: FloatArray) -> list[FloatArray]:
         """Covariance of each target."""
@@ -45,14 +44,31 @@ class Judgement:
             joint[part, part] = block
         return joint
 
-    def _numbers(self, row: FloatArray, name: str, *, joint: bool) -> FloatArray:
+    def _unmeasured(self, time: int) -> FloatArray:
+        """Covariance of the stacked state without any measurement, which what is gained is of."""
+        time = 0 if self._problem.still else time
+        if time >= len(self._open_loop):
+            self._open_loop = self._problem.open_loop_covariances(2 * time)
+        return self._open_loop[time]
+
+    def _numbers(self, row: FloatArray, name: str, time: int = 0, *, joint: bool) -> FloatArray:
         """Numbers of each target's covariance, or one of the joint covariance."""
         function = uncertainty_function(name)
+        whole = self._unmeasured(time) if function.needs_prior else None
         if joint:
-            prior = self._joint(self._root)
-            return np.atleast_1d(function.evaluate(self._joint(row), prior))
-        pairs = zip(self._blocks(row), self._prior, strict=True)
-        return np.array([float(function.evaluate(block, prior)) for block, prior in pairs])
+            return np.atleast_1d(function.evaluate(self._joint(row), whole))
+        before = None if whole is None else [whole[part, part] for part in self._parts]
+        if self._problem.packed:  # of one size: all at once
+            blocks = unpacked(row, packed=True)
+            return np.asarray(
+                function.evaluate(blocks, None if before is None else np.array(before))
+            )
+        return np.array(
+            [
+                float(function.evaluate(block, None if before is None else before[i]))
+                for i, block in enumerate(self._blocks(row))
+            ]
+        )
 
     def term(self, row: FloatArray) -> float:
         """The objective's term of one step.
@@ -63,19 +79,24 @@ class Judgement:
         joint = self._problem.objective_scope == "joint"
         return float(self._numbers(row, self._problem.objective, joint=joint).sum())
 
-    def judge(self, row: FloatArray) -> tuple[float, BoolArray]:
+    def judge(self, row: FloatArray, time: int) -> tuple[float, BoolArray]:
         """Shortfall of the terminal constraint, and which targets are satisfied.
 
         Args:
             row: Covariances, shape (width,).
+            time: When: what would be known without measuring changes.
         """
         terminal, criteria = self._problem.terminal, self._criteria
         joint = terminal.scope == "joint"
         if not self._compiled:
-            values = self._numbers(row, terminal.function, joint=joint)
+            values = self._numbers(row, terminal.function, time, joint=joint)
             limits = terminal.limits(self._problem.targets)
-            over = np.where(limits > 0.0, values / np.where(limits > 0.0, limits, 1.0), 0.0)
-            over = np.where(limits > 0.0, over, np.exp(values - limits))
+            if terminal.function == "mutual_information":
+                # As of a determinant, of the joint one its root: at least the limit is wanted.
+                over = np.exp(2.0 * (limits - values) / (self._problem.hidden.size if joint else 1))
+            else:
+                over = np.where(limits > 0.0, values / np.where(limits > 0.0, limits, 1.0), 0.0)
+                over = np.where(limits > 0.0, over, np.exp(values - limits))
             each = over <= 1.0
             return float(over.max()), np.broadcast_to(each, (self._problem.targets,)).copy()
         name = next(name for name, code in BUILT_IN.items() if code == criteria.terminal)

@@ -18,6 +18,7 @@ from fgplan.models.hidden_state import HiddenBlock, HiddenState
 from fgplan.models.motion_primitives import MotionPrimitives, differential_drive, first_order
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.planners.aia.problem import (
+    SCALED,
     AcquisitionProblem,
     Scope,
     SensingRobot,
@@ -67,6 +68,11 @@ class ProblemOptions:
         """Check the numbers."""
         for name in ("step_m", "step_s", "goal_radius_m"):
             check_positive(getattr(self, name), f"planner option {name}")
+        if not isinstance(self.terminal_goals, bool):
+            raise InvalidInputError(
+                f"planner option terminal_goals: expected true or false, got "
+                f"{self.terminal_goals!r}"
+            )
 
     def primitives(self) -> MotionPrimitives:
         """The control set that ``dynamics`` names.
@@ -261,7 +267,13 @@ def mission_plan(
     )
 
 
-def no_plan(planner: str, problem: AcquisitionProblem, shortfall: float, why: str) -> Exception:
+def no_plan(
+    planner: str,
+    problem: AcquisitionProblem,
+    shortfall: float,
+    why: str,
+    remedy: str = "relax delta, or give a larger budget",
+) -> Exception:
     """The error of a search without a feasible plan, with the best uncertainty that it reached.
 
     Args:
@@ -269,19 +281,24 @@ def no_plan(planner: str, problem: AcquisitionProblem, shortfall: float, why: st
         problem: What was planned for.
         shortfall: Worst target's number over its limit at the node nearest to feasible.
         why: Why the search ended.
+        remedy: What to do.
 
     Returns:
         The error, to be raised.
     """
     limit = np.asarray(problem.terminal.limit, dtype=np.float64)
-    limits = f"{limit[0]:.3g}" if np.ptp(limit) <= _WHOLE * np.abs(limit).max() else "its limit"
+    one = bool(np.ptp(limit) <= _WHOLE * np.abs(limit).max())
+    limits = f"{limit[0]:.3g}" if one else "its limit"
     best = ""
     if np.isfinite(shortfall):
-        best = f"; the best uncertainty reached is {shortfall:.3g} times the limit, at the target "
-        best += "farthest from it"
+        number = ""
+        if one and problem.terminal.scope == "each" and problem.terminal.function in SCALED:
+            number = f"{shortfall * limit[0]:.3g}, "
+        best = f"; the best uncertainty reached is {number}{shortfall:.3g} times the limit, at the "
+        best += "target farthest from it"
     return NoCandidatePathError(
         f"planner {planner!r}: no plan brings the {problem.terminal.function} to {limits}: {why}"
-        f"{best}; relax delta, or give a larger budget"
+        f"{best}; {remedy}"
     )
 
 

@@ -22,6 +22,7 @@ from fgplan.planners.aia.information_rows import information_rows
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.pose_rows import PoseRows, enter_poses
 from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.sampling_kernels import MOST_TRIES
 from fgplan.planners.aia.tree_kernels import DEEPEST, DEPTH, GROUPS, NEED_TIME, NODES
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
@@ -136,17 +137,20 @@ class PlainGrowth(GuidedGrowth):
         if biased or groups == deep:
             return int(tree.deepest[int(random() * deep)])
         depth = int(tree.counts[DEPTH])
-        while True:
+        for _ in range(MOST_TRIES):
             k = int(random() * groups)
             if tree.stamp[k] != depth:
                 return k
+        others = np.flatnonzero(tree.stamp[:groups] != depth)
+        return int(others[int(random() * len(others))])
 
     def _draw_controls(self, k: int, generator: np.random.Generator) -> bool:
         """f_U (9), into ``tree.drawn``."""
         tree, p_control = self.tree, self.settings.p_control
         node = int(tree.tail[k])
         uniform = self._uniform
-        finished = self._goals and self.judgement.judge(tree.covariance[node])[0] <= 1.0
+        t = int(tree.depth[node])
+        finished = self._goals and self.judgement.judge(tree.covariance[node], t)[0] <= 1.0
         rows, targets = tree.configuration[k].tolist(), tree.assigned[node].tolist()
         if self._stays and not uniform and not finished:
             names = list(zip(rows, targets, strict=True))

@@ -74,6 +74,8 @@ class AiaPlanner:
             if found.ending == "interrupted":
                 raise KeyboardInterrupt
             why = found.reason or _WHY.get(found.ending, found.ending)
+            if found.reason:
+                raise no_plan(self.name, problem, np.inf, why, "relax delta")
             raise no_plan(self.name, problem, found.shortfall, why)
         warnings = () if found.ending != "interrupted" else ("interrupted: the best plan so far",)
         return mission_plan(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fgplan.checks import check_covariance, check_finite, check_positive
 from fgplan.errors import InvalidInputError
@@ -20,8 +21,12 @@ from fgplan.models.linear_observation import AbstractLinearObservation
 from fgplan.models.motion_primitives import MotionPrimitives
 from fgplan.models.sensor import AbstractSensor
 from fgplan.models.uncertainty import UncertaintyFunction, uncertainty_function
+from fgplan.riccati.covariance_path import propagate
 from fgplan.typing import ArrayLike, Covariance, FloatArray
 from roadmaps import Workspace
+
+SCALED = ("determinant", "trace", "largest_eigenvalue")
+"""Functions of which a node's shortfall is the number over its limit."""
 
 Scope = Literal["sum", "joint"]
 TerminalScope = Literal["each", "joint"]
@@ -83,6 +88,9 @@ class SensingRobot:
 class TerminalConstraint:
     """h(Sigma(F)) <= limit; for mutual information, at least the limit (nats).
 
+    Mutual information is that of the state at the end, x(F), and all measurements: the covariance
+    at F is compared with the one that F would have had without any.
+
     Attributes:
         limit: One number for all targets, or one a target, shape (M,).
         function: Name in the registry of uncertainty functions.
@@ -101,7 +109,7 @@ class TerminalConstraint:
                 f"terminal constraint: scope: expected 'each' or 'joint', got {self.scope!r}"
             )
         limit = check_finite(np.atleast_1d(self.limit), "terminal constraint: limit", (None,))
-        if self.function in ("determinant", "trace", "largest_eigenvalue") and (limit <= 0).any():
+        if self.function in SCALED and (limit <= 0).any():
             raise InvalidInputError(
                 f"terminal constraint: expected a {self.function} above zero, got {limit.min():g}"
             )
@@ -140,6 +148,7 @@ class AcquisitionProblem:
         objective_scope: Sum over targets, or of the joint covariance.
         places: Where the targets are, shape (M, 2), if they are no points in the plane (cells of
             a field); such targets stay. Left out, the targets' means are their places.
+        packed: Whether the targets are independent points in the plane, measured one at a time.
     """
 
     workspace: Workspace
@@ -151,6 +160,7 @@ class AcquisitionProblem:
     objective: str = "determinant"
     objective_scope: Scope = "sum"
     places: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    packed: bool = field(init=False)
 
     def __post_init__(self) -> None:
         """Check everything that a planner would otherwise trip over."""
@@ -182,6 +192,9 @@ class AcquisitionProblem:
             for prior, block in zip(self.priors, self.hidden.blocks, strict=True)
         )
         object.__setattr__(self, "priors", priors)
+        points = all(isinstance(s, AbstractSensor) for r in self.robots for s in r.sensors)
+        planar = self.hidden.independent and all(n == 2 for n in self.hidden.sizes)
+        object.__setattr__(self, "packed", points and planar)
         self._check_places()
         self._check_starts()
         self.terminal.limits(self.targets)
@@ -206,12 +219,6 @@ class AcquisitionProblem:
         return uncertainty_function(self.objective)
 
     @property
-    def packed(self) -> bool:
-        """Whether the targets are independent points in the plane, measured one at a time."""
-        points = all(isinstance(s, AbstractSensor) for r in self.robots for s in r.sensors)
-        return points and self.hidden.independent and all(n == 2 for n in self.hidden.sizes)
-
-    @property
     def fixed(self) -> bool:
         """Whether the predicted places do not change."""
         if len(self.places):
@@ -220,6 +227,39 @@ class AcquisitionProblem:
         return bool((means[1] == means[0]).all()) and all(
             block.transition.ndim == 2 and block.drift.ndim == 1 for block in self.hidden.blocks
         )
+
+    @property
+    def still(self) -> bool:
+        """Whether predicting changes no covariance: every A is the identity, every Q zero."""
+        return all(
+            bool((block.transition == np.eye(block.size)).all() and not block.process.any())
+            for block in self.hidden.blocks
+        )
+
+    def open_loop_covariances(self, steps: int) -> FloatArray:
+        """Covariance of the stacked state if nothing were measured.
+
+        Args:
+            steps: Number of steps.
+
+        Returns:
+            Shape (steps + 1, n, n).
+        """
+        nothing = [np.zeros((0, self.hidden.size))] * (steps + 1)
+        return propagate(self.hidden, block_diag(*self.priors), nothing)
+
+    def open_loop_of(self, target: int, steps: int) -> FloatArray:
+        """Covariance of one target if nothing were measured.
+
+        Args:
+            target: Its place among the targets.
+            steps: Number of steps.
+
+        Returns:
+            Shape (steps + 1, n_i, n_i).
+        """
+        part = self.hidden.slice_of(self.hidden.targets[target])
+        return self.open_loop_covariances(steps)[:, part, part]
 
     def places_until(self, steps: int) -> FloatArray:
         """Predicted places of the targets.
@@ -240,11 +280,6 @@ class AcquisitionProblem:
         places = np.asarray(self.places, dtype=np.float64)
         if places.size:
             places = check_finite(places, "places of the targets", (self.targets, 2))
-        elif set(self.hidden.sizes) not in ({2}, {3}):
-            raise InvalidInputError(
-                "acquisition problem: expected targets of two or three coordinates, or their "
-                f"places, got sizes {self.hidden.sizes}"
-            )
             for robot in self.robots:
                 for sensor in robot.sensors:
                     if isinstance(sensor, AbstractSensor):
@@ -252,6 +287,11 @@ class AcquisitionProblem:
                             f"robot {robot.name!r}: sensor {sensor.kind!r} measures points, and "
                             "targets with given places are none; use a linear observation"
                         )
+        elif set(self.hidden.sizes) not in ({2}, {3}):
+            raise InvalidInputError(
+                "acquisition problem: expected targets of two or three coordinates, or their "
+                f"places, got sizes {self.hidden.sizes}"
+            )
         object.__setattr__(self, "places", places)
         places = self.places_until(0)[0]
         hidden_in = self.workspace.has_line_of_sight(places, places)
@@ -281,3 +321,33 @@ class AcquisitionProblem:
                     f"robot {robot.name!r}: expected a terminal goal in free space, got "
                     f"{robot.goal.position.tolist()}"
                 )
+
+
+def is_monotone(problem: AcquisitionProblem) -> bool:
+    """Whether a smaller covariance is never worse, neither for the objective nor at the end.
+
+    Args:
+        problem: The problem.
+    """
+    terminal = uncertainty_function(problem.terminal.function)
+    # Mutual information falls with the covariance, and at least the limit is wanted.
+    return problem.objective_function.monotone and (
+        terminal.monotone or terminal.name == "mutual_information"
+    )
+
+
+def check_monotone(problem: AcquisitionProblem) -> None:
+    """Refuse a problem in which dominated nodes must not be left out.
+
+    Args:
+        problem: The problem.
+
+    Raises:
+        InvalidInputError: If a larger covariance may give a smaller number.
+    """
+    if not is_monotone(problem):
+        raise InvalidInputError(
+            f"planner option dominance: expected 'off' where objective {problem.objective!r} or "
+            f"constraint {problem.terminal.function!r} is not monotone: a node that knows less may "
+            "then be the better one; set dominance = 'off'"
+        )

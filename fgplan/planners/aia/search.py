@@ -19,7 +19,7 @@ from fgplan.planners.aia.growth import Growth
 from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.lower_bound import unreachable_reason
 from fgplan.planners.aia.options import TreeOptions
-from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.problem import AcquisitionProblem, check_monotone
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.planners.planner import Progress
 from fgplan.threads import one_blas_thread
@@ -121,7 +121,9 @@ def search(
     Raises:
         InvalidInputError: If the problem, or a user's own part, is not usable.
     """
-    reason = unreachable_reason(problem)
+    if options.dominance != "off":
+        check_monotone(problem)
+    reason = unreachable_reason(problem, options.measure_at)
     began = time.perf_counter()
     growth = make_growth(problem, options, densities, fields)
     clock = _Clock(options, time.perf_counter())

@@ -126,9 +126,8 @@ class TeamModel:
         """
         covariance = self.left(state) if left is None else left
         cost = state.cost + self._growth.judgement.term(covariance)
-        assigned = self._growth.assigned_after(
-            state.assigned, state.time + 1, rows, self._growth.judgement.judge(covariance)[1]
-        )
+        satisfied = self._growth.judgement.judge(covariance, state.time + 1)[1]
+        assigned = self._growth.assigned_after(state.assigned, state.time + 1, rows, satisfied)
         return TeamState(rows, covariance, state.time + 1, cost, assigned, state)
 
     def propagate(
@@ -166,7 +165,7 @@ class TeamModel:
         Args:
             state: The team.
         """
-        return self._growth.judgement.judge(state.covariance)[0]
+        return self._growth.judgement.judge(state.covariance, state.time)[0]
 
     def is_final(self, state: TeamState) -> bool:
         """Whether the terminal constraint holds, terminal goals included.

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from fgplan.errors import InvalidInputError
-from fgplan.planners.aia.arrays import further, prepare, settings_of
+from fgplan.planners.aia.arrays import Prepared, further, prepare, settings_of
 from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.pose_kernels import enter_pose
@@ -94,6 +94,7 @@ class ForestGrowth:
         self.robots = own + [j for j in team if j not in own and j in graph.ever(own[0])]
         """Robot of each row; those that grow here come first."""
         self.prepared = prepare(problem, options.tree(), fields, apart=True)
+        _check_prepared(self.prepared, problem)
         self.settings = settings_of(options.tree(), self.prepared)
         self.poses = make_poses(self.prepared)
         # One robot looks, not the team.
@@ -362,6 +363,26 @@ def _check(problem: AcquisitionProblem, graph: CommunicationGraph) -> None:
         raise InvalidInputError(
             "planner distributed_aia: expected independent targets in the plane and sensors of "
             "points; use planner aia for a coupled hidden state"
+        )
+
+
+def _check_prepared(prepared: Prepared, problem: AcquisitionProblem) -> None:
+    """Refuse sensors and functions that the kernels do not know."""
+    if not prepared.compiled_sensors:
+        raise InvalidInputError(
+            "planner distributed_aia: expected built-in sensors, got one of a user's own; use "
+            "planner aia"
+        )
+    if not prepared.compiled_objective:
+        raise InvalidInputError(
+            f"planner distributed_aia: objective {problem.objective!r}: expected determinant, "
+            "trace or largest_eigenvalue"
+        )
+    if not prepared.compiled_terminal:
+        raise InvalidInputError(
+            f"planner distributed_aia: constraint {problem.terminal.function!r}: expected one that "
+            "is a limit of a determinant, trace or largest eigenvalue at all times; for mutual "
+            "information of targets that move see information.determinant_limit"
         )
 
 

@@ -1,11 +1,11 @@
 """The mutual-information form (5) of Tzes et al. 2021 beside the determinants of (6).
 
-    I(x(t); y_0:t) = (log det S(t) - log det Sigma_i(t)) / 2,    S(t + 1) = A S(t) A' + Q, S(0) prior
+    I(x(t); y_0:t) = (log det S(t) - log det Sigma_i(t)) / 2,    S(t + 1) = A S(t) A' + Q
 
-is what the measurements up to t tell robot i of the hidden state; S(t) is what would be known
-without any. (5a) adds it up over robots and steps; (5b) asks for I >= delta at the end, which is
-det Sigma_i(F) <= det S(F) exp(-2 delta): the threshold of (6). The formulas (5) are lost in the text
-at hand; this is what its words and the definition of mutual information leave.
+is what the measurements up to t tell robot i of the hidden state; S(t), from the prior S(0) on, is
+what would be known without any. (5a) adds it up over robots and steps; (5b) asks for I >= delta at
+the end, which is det Sigma_i(F) <= det S(F) exp(-2 delta): the threshold of (6). The formulas (5)
+are lost in the text at hand; this is what its words and the definition of mutual information leave.
 """
 
 import numpy as np

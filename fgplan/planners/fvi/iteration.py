@@ -13,7 +13,7 @@ import numpy as np
 
 from fgplan.planners.aia.arrays import unpacked
 from fgplan.planners.aia.baseline import BaselineResult, Budget
-from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.aia.problem import AcquisitionProblem, is_monotone
 from fgplan.planners.aia.team_model import TeamModel, TeamState
 from fgplan.typing import FloatArray
 
@@ -33,13 +33,15 @@ def iterate_values(
         budget: Nodes and seconds; spent, the search hands back what it has only if it is the
             optimum, nothing otherwise.
         generator: Not used: the search is deterministic.
-        dominance: Whether dominated states are left out.
+        dominance: Whether dominated states are left out; never where a larger covariance may give
+            a smaller number.
         bound: Cost of a plan that is known: nothing dearer is looked at.
 
     Returns:
         The optimum, or nothing within the budget.
     """
     del generator
+    dominance = dominance and is_monotone(problem)
     model = TeamModel(problem)
     clock = budget.start()
     root = model.start()

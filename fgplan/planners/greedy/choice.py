@@ -36,8 +36,9 @@ def choose_greedily(
     while not model.is_final(state) and state.time < budget.steps and not clock.late:
         state = model.advance(state, _controls(model, state, generator, alone=alone))
         clock.nodes += 1
-    path = model.path(state) if model.is_final(state) else None
-    return clock.result(path, model.shortfall(state))
+    walked = model.path(state)
+    path = walked if model.is_final(state) else None
+    return clock.result(path, model.shortfall(state), walked)
 
 
 def _controls(
