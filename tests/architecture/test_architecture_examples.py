@@ -1,13 +1,8 @@
-"""Every worked example is short and runs by itself.
-
-Examples run two at a time: where kernels are not compiled yet, the first of either planner compiles
-them, which takes longer than all the rest.
-"""
+"""Every worked example is short and runs by itself."""
 
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -17,47 +12,21 @@ from fgplan.cli import main
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 LONGEST = 80
-GATHERING = ("12", "13", "14")
-"""Examples of planner aia, whose kernels no other example needs."""
 
 
-def _run(path, folder):
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.name for path in EXAMPLES])
+def test_example_is_short_and_runs(path, tmp_path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) < LONGEST
     search = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, str(path)],
-        cwd=folder,
+        cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": search, "PYTHONWARNINGS": "error"},
         capture_output=True,
         text=True,
         check=False,
         timeout=120,
     )
-
-
-@pytest.fixture(scope="module")
-def runs(request, tmp_path_factory):
-    """A future of each example that is asked for, by path."""
-    asked = {
-        item.callspec.params["path"]
-        for item in request.session.items
-        if item.path == request.path and "runs" in item.fixturenames
-    }
-    gathering = [path for path in EXAMPLES if path.name.startswith(GATHERING)]
-    others = [path for path in EXAMPLES if path not in gathering]
-    order = [*others[:1], *gathering, *others[1:]]
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        yield {
-            path: pool.submit(_run, path, tmp_path_factory.mktemp(path.stem))
-            for path in order
-            if path in asked
-        }
-        pool.shutdown(cancel_futures=True)
-
-
-@pytest.mark.parametrize("path", EXAMPLES, ids=[path.name for path in EXAMPLES])
-def test_example_is_short_and_runs(path, runs):
-    assert len(path.read_text(encoding="utf-8").splitlines()) < LONGEST
-    done = runs[path].result()
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip(), "an example shows something"
 
