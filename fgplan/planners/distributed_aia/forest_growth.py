@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from fgplan.errors import InvalidInputError
-from fgplan.planners.aia.arrays import Prepared, further, prepare, settings_of
+from fgplan.planners.aia.arrays import further, prepare, settings_of
 from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.pose_kernels import enter_pose
@@ -47,9 +46,10 @@ from fgplan.planners.distributed_aia.forest_kernels import (
     MEASURED,
     NEED_NUMBERS,
     SWEEP,
-    Links,
     receive_nodes,
 )
+from fgplan.planners.distributed_aia.known_problem import check_prepared, check_problem
+from fgplan.planners.distributed_aia.links import links_of
 from fgplan.planners.distributed_aia.node_message import Nodes
 from fgplan.planners.distributed_aia.options import DistributedOptions
 from fgplan.planners.distributed_aia.stream import RESERVE, refilled
@@ -87,14 +87,14 @@ class ForestGrowth:
         Raises:
             InvalidInputError: If the problem is of a kind that these trees do not know.
         """
-        _check(problem, graph)
+        check_problem(problem, graph)
         self.problem, self.options, self.graph = problem, options, graph
         team = range(len(problem.robots))
         own = list(team) if robot is None else [robot]
         self.robots = own + [j for j in team if j not in own and j in graph.ever(own[0])]
         """Robot of each row; those that grow here come first."""
         self.prepared = prepare(problem, options.tree(), fields, apart=True)
-        _check_prepared(self.prepared, problem)
+        check_prepared(self.prepared, problem)
         self.settings = settings_of(options.tree(), self.prepared)
         self.poses = make_poses(self.prepared)
         # One robot looks, not the team.
@@ -102,7 +102,7 @@ class ForestGrowth:
         degree = max(1, *(len(graph.ever(j)) for j in own))
         self.heard = make_heard(self.prepared, degree)
         self.forest = make_forest(self.prepared, len(self.robots), degree, _FIRST_NODES)
-        self.links = _links(graph, options, self.robots, len(own), degree)
+        self.links = links_of(graph, options, self.robots, len(own), degree)
         self._own = len(own)
         self._generators = [generators[j] for j in own]
         self._numbers = np.zeros((len(self.robots), 0))
@@ -343,69 +343,3 @@ class ForestGrowth:
             while room < nodes:
                 room *= 2
             self.forest = with_room(self.forest, room)
-
-
-def _check(problem: AcquisitionProblem, graph: CommunicationGraph) -> None:
-    """Refuse what the trees do not know."""
-    names = tuple(robot.name for robot in problem.robots)
-    if tuple(graph.robots) != names:
-        raise InvalidInputError(
-            f"communication graph: expected the team {', '.join(names)}, got "
-            f"{', '.join(graph.robots)}"
-        )
-    for robot in problem.robots:
-        if robot.goal is not None:
-            raise InvalidInputError(
-                f"robot {robot.name!r}: planner distributed_aia has no terminal goals; leave out "
-                "terminal_goals or use planner aia"
-            )
-    if not problem.packed:
-        raise InvalidInputError(
-            "planner distributed_aia: expected independent targets in the plane and sensors of "
-            "points; use planner aia for a coupled hidden state"
-        )
-
-
-def _check_prepared(prepared: Prepared, problem: AcquisitionProblem) -> None:
-    """Refuse sensors and functions that the kernels do not know."""
-    if not prepared.compiled_sensors:
-        raise InvalidInputError(
-            "planner distributed_aia: expected built-in sensors, got one of a user's own; use "
-            "planner aia"
-        )
-    if not prepared.compiled_objective:
-        raise InvalidInputError(
-            f"planner distributed_aia: objective {problem.objective!r}: expected determinant, "
-            "trace or largest_eigenvalue"
-        )
-    if not prepared.compiled_terminal:
-        raise InvalidInputError(
-            f"planner distributed_aia: constraint {problem.terminal.function!r}: expected one that "
-            "is a limit of a determinant, trace or largest eigenvalue at all times; for mutual "
-            "information of targets that move see information.determinant_limit"
-        )
-
-
-def _links(
-    graph: CommunicationGraph,
-    options: DistributedOptions,
-    robots: Sequence[int],
-    own: int,
-    degree: int,
-) -> Links:
-    """The communication graph as the kernels read it."""
-    neighbour = np.full((len(robots), degree), -1, dtype=np.int64)
-    for row in range(own):
-        for place, other in enumerate(graph.ever(robots[row])):
-            neighbour[row, place] = robots.index(other)
-    return Links(
-        robot=np.array(robots, dtype=np.int64),
-        grows=np.arange(len(robots)) < own,
-        neighbour=neighbour,
-        linked=graph.scheduled,
-        period=graph.period,
-        range_m=graph.range_m,
-        p_candidate=options.p_candidate,
-        kappa=options.kappa,
-        literal=options.empty_set == "literal",
-    )

@@ -15,7 +15,8 @@ from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.search import Ending
 from fgplan.planners.distributed_aia.extraction import replayed, team_parts
 from fgplan.planners.distributed_aia.options import DistributedOptions
-from fgplan.planners.distributed_aia.robot import RobotSetup, RobotState, start_robot, step
+from fgplan.planners.distributed_aia.robot import step
+from fgplan.planners.distributed_aia.robot_state import RobotSetup, RobotState, start_robot
 from fgplan.planners.distributed_aia.search import DistributedResult
 from fgplan.planners.distributed_aia.team_plan import TeamPlan
 from fgplan.team.communication_graph import CommunicationGraph
