@@ -91,8 +91,8 @@ def distributed_reference(
     module = _module("distributed_aia_dense_reference")
     blocks = [block.at(0) for block in problem.hidden.blocks]
     world = module.World(
-        transition=block_diag(*(A for A, _, _ in blocks)),  # noqa: N806
-        process=block_diag(*(Q for _, _, Q in blocks)),  # noqa: N806
+        transition=block_diag(*(A for A, _, _ in blocks)),
+        process=block_diag(*(Q for _, _, Q in blocks)),
         prior=block_diag(*problem.priors),
         delta=np.broadcast_to(problem.terminal.limit, problem.targets),
         linked=graph.scheduled,
