@@ -35,7 +35,9 @@ class DenseReference:
     ``relative`` (U, 3) and ``body`` say the controls, ``distance`` (F, cells) and ``frame`` the
     geodesic fields, ``field_of`` (T, M) which one is a target's at a time, ``places`` (T, M, 2) the
     predicted targets (one row if they stay), ``process`` (M, 2, 2); ``are_free(a, b)`` tests ways
-    between rows of points, ``is_seen(a, b)`` one line of sight.
+    between rows of points, ``is_seen(a, b)`` one line of sight. ``every_row`` stacks a row for
+    every robot and target, as (3) prints it, those that measure nothing as zeros; otherwise only
+    rows of what is seen are kept.
     """
 
     starts: np.ndarray
@@ -57,6 +59,7 @@ class DenseReference:
     near_m: float = 0.3
     p_group: float = 0.9
     p_control: float = 0.9
+    every_row: bool = False
 
     def plant(self) -> None:
         """Line 1: the root."""
@@ -200,11 +203,16 @@ class DenseReference:
                 seen = self.seen_of[key] = self.is_seen(poses[j, :2], places[i])
             near[j, i] = seen
         robot, target = np.nonzero(near)
-        rows = np.zeros((len(robot), 2 * len(places)))
+        row, count = np.arange(len(robot)), len(robot)
+        if self.every_row:
+            row, count = robot * len(places) + target, near.size
+        rows = np.zeros((count, 2 * len(places)))
         unit = offset[robot, target] / length[robot, target, None]
-        rows[np.arange(len(robot)), 2 * target] = unit[:, 0]
-        rows[np.arange(len(robot)), 2 * target + 1] = unit[:, 1]
-        return rows, np.maximum(self.floor_m, self.slope * length[robot, target]) ** 2
+        rows[row, 2 * target] = unit[:, 0]
+        rows[row, 2 * target + 1] = unit[:, 1]
+        noise = np.ones(count)
+        noise[row] = np.maximum(self.floor_m, self.slope * length[robot, target]) ** 2
+        return rows, noise
 
     def _extend(self, index: int, poses: np.ndarray, key: tuple) -> None:
         """Lines 7 to 17 for one node."""

@@ -7,26 +7,22 @@ runs of each; *end to end* is from the problem to the first feasible plan, field
 """
 
 import argparse
-import importlib.util
 import json
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fgplan.bench.aia_scene import DELTA, kantaros_scene
-from fgplan.errors import InvalidInputError
+from fgplan.bench.dense_reference import centralised_reference
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_least, require_at_most
 from fgplan.planners.aia.arrays import Prepared, prepare, unpacked
 from fgplan.planners.aia.growth import Growth
-from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
-from fgplan.planners.aia.obstacle_kernels import in_sight
 from fgplan.planners.aia.options import TreeOptions, tree_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.threads import one_blas_thread
@@ -37,7 +33,6 @@ REFERENCE_NODES_PER_SECOND = {(10, 20): 928.0, (30, 56): 134.0}
 RATIO_END_TO_END = 10.0
 LARGEST_DIFFERENCE = 1e-10
 RATIO_UNCOMPILED = 5.0
-_REFERENCE = Path(__file__).parents[2] / "benchmarks" / "aia_dense_reference.py"
 _NODES = 100_000
 _REFERENCE_NODES = 400
 _UNCOMPILED_NODES = 10_000
@@ -86,7 +81,7 @@ def run(options: CommandOptions) -> CommandOutcome:
             robots, targets, np.random.default_rng(seed), dynamics=dynamics, moving=moving
         )
         setup, ours, prepared = _first_plan(problem, until_first, seed)
-        reference = _reference(problem, until_first, prepared)
+        reference = centralised_reference(problem, until_first, prepared)
         began = time.perf_counter()
         reference.run(100_000, np.random.default_rng(seed), stop=True)
         for name, seconds in (
@@ -157,7 +152,7 @@ def _rates(
         "reproduction", until="budget", iterations=10**9, node_budget=nodes, uniform_after="never"
     )
     prepared = prepare(problem, options)
-    reference = _reference(problem, options, prepared)
+    reference = centralised_reference(problem, options, prepared)
     began = time.perf_counter()
     reference.run(_REFERENCE_NODES, np.random.default_rng(0), stop=False)
     reference_seconds = time.perf_counter() - began
@@ -190,51 +185,6 @@ def _rates(
         "ratio_uncompiled": uncompiled_rate / reference_rate,
         "bytes_per_node": growth.bytes_per_node,
     }
-
-
-def _reference(problem: AcquisitionProblem, options: TreeOptions, prepared: Prepared) -> Any:  # noqa: ANN401
-    """The dense implementation, planted."""
-    if not _REFERENCE.exists():
-        raise InvalidInputError(
-            f"bench aia: expected the reference at {_REFERENCE}; run it from a checkout"
-        )
-    name = _REFERENCE.stem
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, _REFERENCE)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    world, setting = obstacle_arrays(problem.workspace), prepared.setting
-    robot = problem.robots[0]
-    sensor = robot.sensors[0]
-    reference = sys.modules[name].DenseReference(
-        starts=np.array([one.pose for one in problem.robots]),
-        relative=np.asarray(robot.primitives.relative),
-        waypoints=np.asarray(robot.primitives.waypoints),
-        body=robot.primitives.frame == "body",
-        places=problem.places_until(600),
-        process=np.array([block.at(0)[2] for block in problem.hidden.blocks]),
-        prior=np.asarray(problem.priors[0]),
-        delta=float(np.max(problem.terminal.limit)),
-        distance=prepared.fields.distance_m,
-        frame=prepared.fields.frame,
-        field_of=setting.fields.of_target,
-        are_free=problem.workspace.are_motions_valid,
-        is_seen=lambda a, b: bool(in_sight(world, a[0], a[1], b[0], b[1])),
-        range_m=float(getattr(sensor, "max_range_m", np.inf)),
-        near_m=float(setting.near_m[0]),
-        p_group=options.p_group,
-        p_control=options.p_control,
-    )
-    if not problem.fixed:
-        reference.field_of = prepared.fields.rows_of(reference.places.reshape(-1, 2)).reshape(
-            reference.places.shape[:2]
-        )
-        reference.distance = prepared.fields.distance_m
-    reference.plant()
-    return reference
 
 
 def _difference(growth: Growth, reference: Any) -> float:  # noqa: ANN401
