@@ -37,7 +37,9 @@ class DenseReference:
     predicted targets (one row if they stay), ``process`` (M, 2, 2); ``are_free(a, b)`` tests ways
     between rows of points, ``is_seen(a, b)`` one line of sight. ``every_row`` stacks a row for
     every robot and target, as (3) prints it, those that measure nothing as zeros; otherwise only
-    rows of what is seen are kept.
+    rows of what is seen are kept. ``information_form`` adds H' R^-1 H to the inverse covariance, as
+    the distributed filter does, and solves for no gain. ``one_by_one`` treats one robot after the
+    other, as Algorithm 1 of Tzes et al. 2021 must; otherwise all are treated in one vectorised go.
     """
 
     starts: np.ndarray
@@ -60,6 +62,8 @@ class DenseReference:
     p_group: float = 0.9
     p_control: float = 0.9
     every_row: bool = False
+    information_form: bool = False
+    one_by_one: bool = False
 
     def plant(self) -> None:
         """Line 1: the root."""
@@ -159,12 +163,30 @@ class DenseReference:
         free = self.are_free(before.reshape(-1, 2), ways.reshape(-1, 2))
         return ends, free.reshape(ways.shape[:3]).all(axis=2)
 
+    def _parts(self) -> list[slice]:
+        """Robots that are treated at once."""
+        if self.one_by_one:
+            return [slice(j, j + 1) for j in range(len(self.starts))]
+        return [slice(None)]
+
     def _draw_controls(self, k: int, generator: np.random.Generator) -> np.ndarray | None:
-        """Equation (9), all robots at once, from the controls that are free."""
+        """Equation (9), from the controls that are free."""
         node = self.nodes[self.members[k][-1]]
-        poses = self.poses[k]
+        poses, numbers = self.poses[k], generator.random(len(self.poses[k]))
+        drawn = []
+        for part in self._parts():
+            ends = self._drawn(poses[part], node.assigned[part], node.depth + 1, numbers[part])
+            if ends is None:
+                return None
+            drawn.append(ends)
+        return np.concatenate(drawn)
+
+    def _drawn(
+        self, poses: np.ndarray, assigned: np.ndarray, time: int, numbers: np.ndarray
+    ) -> np.ndarray | None:
+        """Equation (9) for some robots, all at once; None where one has no free control."""
         ends, free = self._successors(poses)
-        fields = self._at(self.field_of, node.depth + 1)[node.assigned]
+        fields = self._at(self.field_of, time)[assigned]
         distance = self.distance[fields[:, None], self._cells(ends[..., :2])]
         if self.body:  # a thousandth counts where the heading would lead
             reach = float(np.linalg.norm(self.waypoints, axis=-1).max())
@@ -175,11 +197,9 @@ class DenseReference:
         distance = np.where(free, distance, np.inf)
         best = distance.argmin(axis=1)
         robots = np.arange(len(poses))
-        places = self._at(self.places, node.depth + 1)[node.assigned]
-        offset = ends[robots, best, :2] - places
+        offset = ends[robots, best, :2] - self._at(self.places, time)[assigned]
         far = (offset**2).sum(axis=1) > self.near_m**2
         far &= np.isfinite(distance[robots, best])
-        numbers = generator.random(len(poses))
         take = far & (numbers < self.p_control)
         rest = (numbers - self.p_control) / (1.0 - self.p_control)
         share = np.where(far, rest, numbers)
@@ -192,6 +212,11 @@ class DenseReference:
 
     def _rows(self, poses: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
         """Measurement matrix and noise of all robots and targets at a time."""
+        parts = [self._rows_of(poses[part], time) for part in self._parts()]
+        return np.concatenate([one[0] for one in parts]), np.concatenate([one[1] for one in parts])
+
+    def _rows_of(self, poses: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
+        """Those of some robots."""
         places = self._at(self.places, time)
         offset = places[None] - poses[:, None, :2]
         length = np.sqrt((offset**2).sum(axis=-1))
@@ -224,7 +249,9 @@ class DenseReference:
         rows, noise = self._rows(self.poses[node.group], node.depth)
         begun = self._spent("measurement rows", begun)
         covariance = node.covariance
-        if len(rows):
+        if self.information_form:
+            covariance = np.linalg.inv(np.linalg.inv(covariance) + (rows.T / noise) @ rows)
+        elif len(rows):
             cross = covariance @ rows.T
             innovation = rows @ cross
             innovation[np.diag_indices(len(rows))] += noise

@@ -32,6 +32,8 @@ def centralised_reference(
     prepared: Prepared,
     *,
     every_row: bool = False,
+    information_form: bool = False,
+    one_by_one: bool = False,
 ) -> Any:  # noqa: ANN401
     """Algorithm 1 of Kantaros et al. 2019, ``benchmarks/aia_dense_reference.py``, planted.
 
@@ -40,6 +42,8 @@ def centralised_reference(
         options: How.
         prepared: Arrays of the problem.
         every_row: Whether the filter stacks a row for every robot and target.
+        information_form: Whether the filter adds information; otherwise it solves for a gain.
+        one_by_one: Whether robots are treated one after the other; otherwise vectorised over them.
 
     Returns:
         The tree: ``run(iterations, generator, stop)`` grows it.
@@ -57,6 +61,8 @@ def centralised_reference(
         p_group=options.p_group,
         p_control=options.p_control,
         every_row=every_row,
+        information_form=information_form,
+        one_by_one=one_by_one,
         **_shared(problem, prepared),
     )
     reference.plant()

@@ -16,7 +16,7 @@ from fgplan.riccati.distributed import team_step_blocks
 from fgplan.team.communication_graph import CommunicationGraph
 
 EQUAL = {"rtol": 1e-9, "atol": 0.0}
-LONG = {"until": "budget", "iterations": 10**6, "node_budget": 20_000}
+LONG = {"until": "budget", "iterations": 10**6, "node_budget": 100_000}
 
 
 def scene(robots, targets, *, range_m=20.0, delta=1e-4, seed=0, **given):
@@ -136,7 +136,7 @@ def test_forests_are_the_reference_s_node_for_node(kind, dynamics, moving, expan
     options = distributed_options(
         "reproduction", expand=expand, empty_set=empty_set, p_candidate=0.6, kappa=0.7, **LONG
     )
-    sweeps = 150 if expand == "node" else 40
+    sweeps = 150 if expand == "node" else 30
     assert_same_forest(problem, options, graph_of(kind, problem), sweeps)
 
 
