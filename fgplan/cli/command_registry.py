@@ -82,6 +82,10 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
         "fgplan.reproduce.kantaros_adaptive.command:run",
         "moving targets: planning again every few measurements, as Kantaros et al. 2019 propose",
     ),
+    "tzes-table1": RegisteredCommand(
+        "fgplan.reproduce.tzes_table1.command:run",
+        "Table I and figure 3 of Tzes et al. 2021: horizons by communication graph",
+    ),
 }
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {

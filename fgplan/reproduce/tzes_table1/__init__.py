@@ -1,0 +1,1 @@
+"""Table I of Tzes et al. 2021."""
