@@ -1,8 +1,9 @@
 """Algorithm 1 of Tzes et al. 2021 for a whole team in one process, robots planned in turn.
 
 After every sweep in which a goal node was made, team paths are extracted from the new ones and
-replayed; the cheapest that satisfies the constraint is the plan of its part of the team. With a
-budget, paths are extracted from each robot's cheapest goal nodes at the end.
+replayed; the cheapest that satisfies the constraint (of equal ones that of the earliest robot's
+earliest node) is the plan of its part of the team. With a budget, paths are extracted from each
+robot's cheapest goal nodes at the end.
 """
 
 import time
@@ -85,7 +86,7 @@ class _Parts:
                     self.refused += 1
                     continue
                 best = self.best[place]
-                if best is None or plan.cost < best[0].cost:
+                if best is None or (plan.cost, plan.origins) < (best[0].cost, best[0].origins):
                     self.best[place] = (plan, ways)
                     better = True
         return better

@@ -103,9 +103,7 @@ def run(options: CommandOptions) -> CommandOutcome:
     if options.quick and options.arguments["rows"] == "all":
         sizes = [(10, 10), (10, 20)]
     if options.arguments["trials"] < 1:
-        raise InvalidInputError(
-            f"--trials: expected at least 1, got {options.arguments['trials']}"
-        )
+        raise InvalidInputError(f"--trials: expected at least 1, got {options.arguments['trials']}")
     seeds = options.seed_range(options.arguments["trials"], quick=2)
     plan_row(2, 2, (0,))  # loads the compiled code
     rows: list[dict[str, Any]] = []
