@@ -52,6 +52,10 @@ BENCHES: dict[str, RegisteredCommand] = {
     "aia": RegisteredCommand(
         "fgplan.bench.aia:run", "the sampling tree of planner aia against a dense reference"
     ),
+    "distributed-aia": RegisteredCommand(
+        "fgplan.bench.distributed_aia:run",
+        "an iteration of planner distributed_aia for 10 to 100 robots, and its messages",
+    ),
 }
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {
