@@ -1,6 +1,7 @@
 """Planner distributed_aia: densities, assignment, extraction, graphs, plans and bad input."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def graph_of(problem, kind="complete"):
     """A communication graph of the problem's team."""
     names = [robot.name for robot in problem.robots]
     if kind == "line":
-        return CommunicationGraph.of_edges(names, list(zip(names[:-1], names[1:], strict=True)))
+        return CommunicationGraph.of_edges(names, list(pairwise(names)))
     return getattr(CommunicationGraph, kind)(names)
 
 
@@ -81,9 +82,9 @@ def naive_replay(problem, graph, poses, kappa):
                         rows = sensor.linearise(poses[t, i], places[t, k])[1]
                         information[i, k] += rows.T @ rows
         dynamics = [block.at(t) for block in problem.hidden.blocks]
-        A, Q = np.array([d[0] for d in dynamics]), np.array([d[2] for d in dynamics])
+        transitions, processes = (np.array([d[place] for d in dynamics]) for place in (0, 2))
         links = graph.links(t, poses[t, :, :2])
-        out[t + 1] = team_step_blocks(out[t], links, information, A, Q, kappa)
+        out[t + 1] = team_step_blocks(out[t], links, information, transitions, processes, kappa)
     return out
 
 
