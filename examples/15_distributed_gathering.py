@@ -42,12 +42,12 @@ def main(out: Path | None) -> None:
     faults = NetworkFaults(loss=0.2, delay_s=(0.0, 0.1))
     network = InProcessTransport(names, faults, np.random.default_rng(1))
     graph = graphs["average degree 3"]
-    found = search_by_messages(
-        scene, options, graph, np.random.default_rng(0), network, wait_s=0.2
-    )
+    found = search_by_messages(scene, options, graph, np.random.default_rng(0), network, wait_s=0.2)
     assert found.plan is not None
     counts = network.traffic.of("nodes")
-    print(f"a fifth of messages lost: horizon {found.plan.horizon}; {counts.sent_bytes / 1e3:.0f} kB")
+    print(
+        f"a fifth of messages lost: horizon {found.plan.horizon}; {counts.sent_bytes / 1e3:.0f} kB"
+    )
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ same nodes of the neighbours is not extended again: V is a set.
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from fgplan.planners.aia.compilation import UNCOUNTED
@@ -197,7 +198,7 @@ def enter_node(
     return k
 
 
-@njit(**UNCOUNTED)
+@njit(inline="always", **UNCOUNTED)
 def extend_robot(
     setting: Setting,
     settings: Settings,
@@ -220,18 +221,18 @@ def extend_robot(
     criteria, dynamics, counts = setting.criteria, setting.dynamics, tree.counts
     information, seen_from = scratch.information, scratch.rows
     new, place = find_group(tree.slots, tree.configuration, tree.drawn)
-    node, last = int(tree.head[k]), int(tree.tail[k])
+    node, last = np.int64(tree.head[k]), np.int64(tree.tail[k])
     if settings.one_node:
         node = last
         if stream.random() >= settings.p_group:
-            node = int(tree.head[k])
+            node = np.int64(tree.head[k])
             for _ in range(int(stream.random() * tree.size[k])):
-                node = int(tree.next_in_group[node])
+                node = np.int64(tree.next_in_group[node])
         last = node
     seen_from[0] = tree.configuration[k, 0]
     known = -1  # time of the information at hand: the same for all times where targets stay
     while True:
-        following = int(tree.next_in_group[node])
+        following = np.int64(tree.next_in_group[node])
         t = int(tree.depth[node])
         count = hear_neighbours(setting, links, forest, heard, r, node, stream)
         if new >= 0 and is_there(tree, forest.source[r], node, new, heard.node):

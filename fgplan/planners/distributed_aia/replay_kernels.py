@@ -42,10 +42,13 @@ def replay_path(
     numbers, satisfied = np.empty(targets), np.empty(targets, np.bool_)
     information = np.empty(root.shape[0])
     heard = np.empty((max(robots - 1, 1), root.shape[0]))
-    covariance[0, :] = root
+    width = root.shape[0]
     for t in range(steps):
         for i in range(robots):
             row = covariance[t, i]
+            for c in range(width):  # by element: assigning arrays costs seconds of compiling
+                row[c] = root[c] if t == 0 else covariance[t - 1, i, c]
+                information[c] = 0.0
             if t > 0:
                 step = (t - 1) // links.period % links.linked.shape[0]
                 places = sight.places[min(t - 1, sight.places.shape[0] - 1)]
@@ -58,9 +61,9 @@ def replay_path(
                         poses[t - 1, j, 1],
                         links.range_m,
                     ):
-                        heard[count] = covariance[t - 1, j]
+                        for c in range(width):
+                            heard[count, c] = covariance[t - 1, j, c]
                         count += 1
-                information[:] = 0.0
                 for k in range(targets):
                     learns, xx, xy, yy = pair_information(
                         sight, setting.obstacles, poses[t - 1, i], setting.kind[i], places[k]
@@ -69,7 +72,6 @@ def replay_path(
                         information[3 * k] = xx
                         information[3 * k + 1] = xy
                         information[3 * k + 2] = yy
-                row[:] = covariance[t - 1, i]
                 fuse_rows(row, heard, count, information, links.kappa)
                 if not dynamics.still:
                     predict_row(
