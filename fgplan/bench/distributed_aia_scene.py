@@ -68,9 +68,7 @@ def tzes_scene(
     sensor = ProportionalRangeSensor(max_range_m=check_positive(range_m, "scene: range_m"))
     world = kantaros_world()
     starts = draw_targets(world, robots, generator, START_CLEARANCE_M)
-    headings = np.zeros(robots)
-    if primitives.frame == "body":
-        headings = 0.5 * np.pi * generator.integers(-1, 3, robots)
+    quarters = generator.integers(-1, 3, robots) if primitives.frame == "body" else [0] * robots
     means = draw_targets(world, targets, generator, TARGET_CLEARANCE_M)
     drifts = draw_drifts(means, generator) if moving else np.zeros((targets, 2))
     return AcquisitionProblem(
@@ -78,11 +76,11 @@ def tzes_scene(
         robots=tuple(
             SensingRobot(
                 name=f"r{j}",
-                pose=np.array([*start, heading]),
+                pose=np.array([*start, 0.5 * np.pi * quarter]),
                 primitives=primitives,
                 sensors=(sensor,),
             )
-            for j, (start, heading) in enumerate(zip(starts, headings, strict=True))
+            for j, (start, quarter) in enumerate(zip(starts, quarters, strict=True))
         ),
         hidden=independent_targets(
             [f"t{i}" for i in range(targets)],

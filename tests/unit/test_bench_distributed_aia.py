@@ -97,9 +97,7 @@ def test_references_outside_a_checkout_are_missed_by_name(monkeypatch, tmp_path)
     monkeypatch.setattr(dense_reference, "_FOLDER", tmp_path)
     problem = tzes_scene(1, 1, np.random.default_rng(0))
     options = tree_options("reproduction")
-    with pytest.raises(
-        InvalidInputError, match=r"aia_dense_reference\.py; run this from a checkout"
-    ):
+    with pytest.raises(InvalidInputError, match=r"aia_dense_reference\.py; run this"):
         centralised_reference(problem, options, prepare(problem, options))
 
 
