@@ -18,19 +18,16 @@ from fgplan.checks import frozen
 from fgplan.errors import InvalidInputError
 from fgplan.models.measurement import Measurement
 from fgplan.models.pose import between
-from fgplan.models.sensor import AbstractSensor
+from fgplan.planners.aia.extended_filter import update_target
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.search import search
-from fgplan.riccati.gaussian import predict, update
+from fgplan.planners.aia.target_world import target_sensors, target_world
+from fgplan.riccati.gaussian import predict
 from fgplan.simulation.simulate import advance, start
 from fgplan.simulation.step import SimulationStep
-from fgplan.simulation.world import World, WorldRobot
 from fgplan.typing import Covariance, FloatArray
-
-_DIFFERENCE = 1e-5
-"""Step of the differences that give second derivatives, metres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,7 +106,7 @@ def track(
             f"closed loop: expected steps and replan_every of at least 1, got {steps} and "
             f"{replan_every}"
         )
-    world = _world(problem, generator)
+    world = target_world(problem, generator)
     planning = generator.spawn(1)[0]
     first = start(world, generator)
     tracker = _Tracker(problem)
@@ -154,7 +151,7 @@ class _Tracker:
         self._problem = problem
         self._means = [np.array(mean) for mean in problem.mean.reshape(-1, 2)]
         self._covariances: list[Covariance] = [np.array(prior) for prior in problem.priors]
-        self._sensors = _sensor_names(problem)
+        self._sensors = target_sensors(problem)
 
     def predict(self, time: int) -> None:
         """Predict all targets from a time to the next."""
@@ -190,28 +187,16 @@ class _Tracker:
         )
 
     def _update(self, measurement: Measurement, step: SimulationStep) -> None:
-        """Update one target: an extended filter of second order.
-
-        A range bends within the spread of an estimate near by, and a filter of first order then
-        believes what is not so. The mean and spread of what the Hessians H_a of the measurement
-        add, tr(H_a P) / 2 and tr(H_a P H_b P) / 2, go into innovation and noise. The noise of the
-        sensor is what it reports with its reading.
-        """
-        sensor = self._sensors[measurement.sensor]
+        """Update one target."""
         i = self._problem.hidden.targets.index(str(measurement.target))
-        pose, mean, spread = step.poses[measurement.robot], self._means[i], self._covariances[i]
-        _, rows = sensor.jacobians(pose, mean)
-        moved = [
-            sensor.jacobians(pose, mean + sign * _DIFFERENCE * unit)[1]
-            for unit in np.eye(2)
-            for sign in (1.0, -1.0)
-        ]
-        bends = np.stack([moved[0] - moved[1], moved[2] - moved[3]], axis=2) / (2.0 * _DIFFERENCE)
-        bent = bends @ spread
-        noise = measurement.covariance + 0.5 * np.einsum("aij,bji->ab", bent, bent)
-        expected = sensor.predict(pose, mean) + 0.5 * np.trace(bent, axis1=1, axis2=2)
-        innovation = sensor.difference(np.array(measurement.value), expected)
-        self._means[i], self._covariances[i] = update(mean, spread, rows, noise, innovation)
+        self._means[i], self._covariances[i] = update_target(
+            self._sensors[measurement.sensor],
+            step.poses[measurement.robot],
+            self._means[i],
+            self._covariances[i],
+            measurement.value,
+            measurement.covariance,
+        )
 
     def _in_free_space(self, mean: FloatArray, fields: GeodesicFields) -> FloatArray:
         """The estimate, or the nearest free centre of a cell where it is inside an obstacle."""
@@ -220,39 +205,6 @@ class _Tracker:
             return mean
         free = fields.cell_centers[workspace.are_positions_valid(fields.cell_centers)]
         return np.array(free[int(np.argmin(((free - mean) ** 2).sum(axis=1)))])
-
-
-def _sensor_names(problem: AcquisitionProblem) -> dict[str, AbstractSensor]:
-    """Sensors by a name for each robot and place."""
-    return {
-        f"{robot.name} {place}": sensor
-        for robot in problem.robots
-        for place, sensor in enumerate(robot.sensors)
-        if isinstance(sensor, AbstractSensor)
-    }
-
-
-def _world(problem: AcquisitionProblem, generator: np.random.Generator) -> World:
-    """A world whose targets are drawn from the prior."""
-    truth = [
-        generator.multivariate_normal(mean, prior)
-        for mean, prior in zip(problem.mean.reshape(-1, 2), problem.priors, strict=True)
-    ]
-    robots = [
-        WorldRobot(
-            name=robot.name,
-            pose=robot.pose,
-            target_sensors=tuple(f"{robot.name} {place}" for place in range(len(robot.sensors))),
-        )
-        for robot in problem.robots
-    ]
-    return World(
-        robots=tuple(robots),
-        workspace=problem.workspace,
-        sensors=_sensor_names(problem),
-        hidden=problem.hidden,
-        hidden_state=np.concatenate(truth),
-    )
 
 
 def _cell_m(problem: AcquisitionProblem, options: TreeOptions) -> float:
