@@ -78,6 +78,10 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
         "fgplan.reproduce.kantaros_convergence.command:run",
         "how often the optimal path is in the tree, against bound (7) of Kantaros et al. 2019",
     ),
+    "tzes-fig4": RegisteredCommand(
+        "fgplan.reproduce.tzes_fig4.command:run",
+        "denser and sparser communication, figure 4 of Tzes et al. 2021",
+    ),
 }
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {

@@ -16,10 +16,10 @@ from fgplan.models.uncertainty import uncertainty_function
 from fgplan.planners.aia.mission_problem import target_positions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
-from fgplan.typing import FloatArray
+from fgplan.typing import BoolArray, FloatArray
 from fgplan.viz.ellipse import ellipse_outlines
 from fgplan.viz.figure import matplotlib_module, new_figure
-from fgplan.viz.map_drawing import MapPicture, draw_workspace
+from fgplan.viz.map_drawing import MapPicture, draw_lines, draw_workspace
 from fgplan.viz.palette import robot_styles
 
 if TYPE_CHECKING:
@@ -28,16 +28,20 @@ if TYPE_CHECKING:
 
 _SIGMAS = 2.0
 _TARGET = "#444444"
+_LINK = "#E69F00"
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
 
-def draw_team_path(problem: AcquisitionProblem, path: TeamPath, title: str) -> "Figure":
+def draw_team_path(
+    problem: AcquisitionProblem, path: TeamPath, title: str, *, links: BoolArray | None = None
+) -> "Figure":
     """The whole plan on a map.
 
     Args:
         problem: What was planned for, independent targets in the plane.
         path: The plan.
         title: Of the figure.
+        links: Who hears whom at each step, shape (F + 1, N, N); those of the start are drawn.
 
     Returns:
         The figure.
@@ -54,6 +58,9 @@ def draw_team_path(problem: AcquisitionProblem, path: TeamPath, title: str) -> "
     _draw_robots(axes, problem, path.poses)
     picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
     picture.entry("end of its path", color="#888888", marker="s", ms=7)
+    if links is not None and links[0].any():
+        _draw_links(axes, path.poses[0], links[0])
+        picture.entry("robots that hear\neach other at the start", color=_LINK, lw=0.9)
     reach = max(getattr(s, "max_range_m", np.inf) for r in problem.robots for s in r.sensors)
     if np.isfinite(reach):
         for pose in path.poses[-1]:
@@ -109,7 +116,12 @@ def draw_uncertainty(problem: AcquisitionProblem, paths: dict[str, TeamPath]) ->
 
 
 def film_team_path(
-    problem: AcquisitionProblem, path: TeamPath, file: str | Path, *, frames: int = 60
+    problem: AcquisitionProblem,
+    path: TeamPath,
+    file: str | Path,
+    *,
+    frames: int = 60,
+    links: BoolArray | None = None,
 ) -> Path:
     """An animated GIF of a plan: robots move, ellipses shrink.
 
@@ -118,6 +130,8 @@ def film_team_path(
         path: The plan.
         file: Ends in .gif.
         frames: Most frames.
+        links: Who hears whom at each step, shape (F + 1, N, N); drawn between the robots as long
+            as they are there.
 
     Returns:
         The path of the file.
@@ -131,12 +145,14 @@ def film_team_path(
         raise InvalidInputError(f"film {file.name!r}: expected a name that ends in .gif")
     steps = np.unique(np.linspace(0, path.horizon, min(frames, path.horizon + 1)).round())
     file.parent.mkdir(parents=True, exist_ok=True)
-    images = list(_frames(problem, path, steps.astype(int).tolist()))
+    images = list(_frames(problem, path, steps.astype(int).tolist(), links))
     images[0].save(file, save_all=True, append_images=images[1:], duration=120, loop=0)
     return file
 
 
-def _frames(problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int]) -> Iterator[Any]:
+def _frames(
+    problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int], links: BoolArray | None
+) -> Iterator[Any]:
     """One picture a step."""
     from PIL import Image
 
@@ -148,10 +164,18 @@ def _frames(problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int]) -
         draw_workspace(picture, axes, workspace)
         _draw_robots(axes, problem, path.poses[: step + 1])
         _draw_targets(axes, places[step], path.covariances[step], 1.0)
+        if links is not None:
+            _draw_links(axes, path.poses[step], links[step])
         figure = picture.finish(f"step {step} of {path.horizon}")
         figure.canvas.draw()
         pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
         yield Image.fromarray(np.ascontiguousarray(pixels)).convert("P")
+
+
+def _draw_links(axes: "Axes", poses: FloatArray, links: BoolArray) -> None:
+    """Thin lines between robots that hear each other at a step."""
+    pairs = [poses[[i, j], :2] for i, j in np.argwhere(np.triu(links))]
+    draw_lines(axes, pairs, color=_LINK, lw=0.9, zorder=4.5)
 
 
 def _draw_robots(axes: "Axes", problem: AcquisitionProblem, poses: FloatArray) -> None:
