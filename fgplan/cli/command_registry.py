@@ -90,6 +90,10 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
         "fgplan.reproduce.tzes_table1.command:run",
         "Table I and figure 3 of Tzes et al. 2021: horizons by communication graph",
     ),
+    "tzes-fig4": RegisteredCommand(
+        "fgplan.reproduce.tzes_fig4.command:run",
+        "denser and sparser communication, figure 4 of Tzes et al. 2021",
+    ),
 }
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {

@@ -16,10 +16,10 @@ from fgplan.models.uncertainty import uncertainty_function
 from fgplan.planners.aia.mission_problem import target_positions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
-from fgplan.typing import FloatArray
+from fgplan.typing import BoolArray, FloatArray
 from fgplan.viz.ellipse import ellipse_outlines
 from fgplan.viz.figure import matplotlib_module, new_figure
-from fgplan.viz.map_drawing import MapPicture, draw_workspace
+from fgplan.viz.map_drawing import MapPicture, draw_lines, draw_workspace
 from fgplan.viz.palette import robot_styles
 
 if TYPE_CHECKING:
@@ -35,16 +35,20 @@ _UNITS = {
     "entropy": " (nats)",
     "mutual_information": " (nats)",
 }
+_LINK = "#E69F00"
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
 
-def draw_team_path(problem: AcquisitionProblem, path: TeamPath, title: str) -> "Figure":
+def draw_team_path(
+    problem: AcquisitionProblem, path: TeamPath, title: str, *, links: BoolArray | None = None
+) -> "Figure":
     """The whole plan on a map.
 
     Args:
         problem: What was planned for, independent targets in the plane.
         path: The plan.
         title: Of the figure.
+        links: Who hears whom at each step, shape (F + 1, N, N); those of the start are drawn.
 
     Returns:
         The figure.
@@ -61,6 +65,9 @@ def draw_team_path(problem: AcquisitionProblem, path: TeamPath, title: str) -> "
     _draw_robots(axes, problem, path.poses)
     picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
     picture.entry("end of its path", color="#888888", marker="s", ms=7)
+    if links is not None and links[0].any():
+        _draw_links(axes, path.poses[0], links[0])
+        picture.entry("robots that hear\neach other at the start", color=_LINK, lw=0.9)
     reach = _reach_m(problem)
     if np.isfinite(reach):
         _draw_reach(axes, problem, path.poses[-1], reach)
@@ -113,7 +120,12 @@ def draw_uncertainty(problem: AcquisitionProblem, paths: dict[str, TeamPath]) ->
 
 
 def film_team_path(
-    problem: AcquisitionProblem, path: TeamPath, file: str | Path, *, frames: int = 60
+    problem: AcquisitionProblem,
+    path: TeamPath,
+    file: str | Path,
+    *,
+    frames: int = 60,
+    links: BoolArray | None = None,
 ) -> Path:
     """An animated GIF of a plan: robots move, ellipses shrink.
 
@@ -122,6 +134,8 @@ def film_team_path(
         path: The plan.
         file: Ends in .gif.
         frames: Most frames.
+        links: Who hears whom at each step, shape (F + 1, N, N); drawn between the robots as long
+            as they are there.
 
     Returns:
         The path of the file.
@@ -135,12 +149,14 @@ def film_team_path(
         raise InvalidInputError(f"film {file.name!r}: expected a name that ends in .gif")
     steps = np.unique(np.linspace(0, path.horizon, min(frames, path.horizon + 1)).round())
     file.parent.mkdir(parents=True, exist_ok=True)
-    images = list(_frames(problem, path, steps.astype(int).tolist()))
+    images = list(_frames(problem, path, steps.astype(int).tolist(), links))
     images[0].save(file, save_all=True, append_images=images[1:], duration=120, loop=0)
     return file
 
 
-def _frames(problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int]) -> Iterator[Any]:
+def _frames(
+    problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int], links: BoolArray | None
+) -> Iterator[Any]:
     """One picture a step."""
     from PIL import Image
 
@@ -158,10 +174,18 @@ def _frames(problem: AcquisitionProblem, path: TeamPath, steps: Sequence[int]) -
         picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
         picture.entry("robot, with its way", color="#888888", marker="s", ms=7)
         picture.entry(f"target with its {_SIGMAS:g}σ", color=_TARGET, marker="o", ls="", ms=5)
+        if links is not None:
+            _draw_links(axes, path.poses[step], links[step])
         figure = picture.finish(f"step {step} of {path.horizon}")
         figure.canvas.draw()
         pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
         yield Image.fromarray(np.ascontiguousarray(pixels)).convert("P")
+
+
+def _draw_links(axes: "Axes", poses: FloatArray, links: BoolArray) -> None:
+    """Thin lines between robots that hear each other at a step."""
+    pairs = [poses[[i, j], :2] for i, j in np.argwhere(np.triu(links))]
+    draw_lines(axes, pairs, color=_LINK, lw=0.9, zorder=4.5)
 
 
 def _draw_robots(axes: "Axes", problem: AcquisitionProblem, poses: FloatArray) -> None:

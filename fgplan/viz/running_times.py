@@ -123,14 +123,14 @@ def running_time_bars_figure(
     colors = {name: _color(place) for place, name in enumerate(times)}
     grid = figure.subplots(panels if below else 1, 1 if below else panels, squeeze=False)
     left, *others = grid.ravel()
-    _bars(left, sessions, times, colors, "")
+    draw_bars(left, sessions, times, colors, "planning session")
     left.set_yscale("log")
     left.set_ylabel("running time (s)")
     left.set_title("Running time", fontsize=12)
     if reference is not None:
         right = others[0]
         ratios = {n: times[reference] / each for n, each in times.items() if n != reference}
-        _bars(right, sessions, ratios, colors, "×")
+        draw_bars(right, sessions, ratios, colors, "planning session", unit="×")
         right.axhline(1.0, color="#404040", lw=1.0, ls="--")
         right.set_ylabel(f"ratio: {reference} / evaluator (no unit)")
         right.set_title(f"How many times faster than {reference}", fontsize=12)
@@ -141,26 +141,42 @@ def running_time_bars_figure(
     return figure
 
 
-def _bars(
+def draw_bars(
     axes: "Axes",
     groups: Sequence[str],
     values: Mapping[str, FloatArray],
     colors: Mapping[str, str],
-    unit: str,
+    label: str,
+    *,
+    unit: str = "",
 ) -> None:
-    """Draw groups of bars with their values above."""
+    """Draw groups of bars with their values above.
+
+    Args:
+        axes: Where to.
+        groups: Names of the groups, S in all.
+        values: By series: shape (S,); nan leaves a bar out.
+        colors: Colour of each series.
+        label: What a group is.
+        unit: Behind each value.
+    """
     width = 0.8 / max(len(values), 1)
     upright = len(groups) * len(values) > _BESIDE
     places = np.arange(len(groups))
     for index, (name, each) in enumerate(values.items()):
         offset = (index - 0.5 * (len(values) - 1)) * width
         bars = axes.bar(places + offset, each, 0.92 * width, color=colors[name], label=name)
-        texts = [(f"{v:.0f}" if v >= 10 else f"{v:.2g}") + unit for v in each]
+        texts = ["" if np.isnan(v) else _short(v) + unit for v in each]
         axes.bar_label(bars, texts, fontsize=8, padding=2, rotation=90 if upright else 0)
     axes.set_xticks(places, list(groups))
-    axes.set_xlabel("planning session")
+    axes.set_xlabel(label)
     axes.margins(x=0.02, y=0.2 if upright else 0.12)
     _grid(axes)
+
+
+def _short(value: float) -> str:
+    """A number above a bar."""
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 def _color(place: int) -> str:

@@ -20,7 +20,6 @@ import numpy as np
 from fgplan.checks import frozen
 from fgplan.errors import InvalidInputError
 from fgplan.models.pose import between
-from fgplan.models.sensor import AbstractSensor
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.problem import AcquisitionProblem
@@ -31,13 +30,12 @@ from fgplan.planners.aia.target_belief import (
     split_prior,
     update_belief,
 )
+from fgplan.planners.aia.target_world import target_sensors, target_world
 from fgplan.simulation.simulate import advance, start
 from fgplan.simulation.step import SimulationStep
-from fgplan.simulation.world import World, WorldRobot
-from fgplan.typing import Covariance, FloatArray
+from fgplan.typing import FloatArray
 
 _HYPOTHESES = 7
-_TRIES = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -118,7 +116,7 @@ def track(
             f"closed loop: expected steps, replan_every and hypotheses of at least 1, got {steps}, "
             f"{replan_every} and {hypotheses}"
         )
-    world = _world(problem, generator)
+    world = target_world(problem, generator)
     planning = generator.spawn(1)[0]
     first = start(world, generator)
     tracker = _Tracker(problem, hypotheses)
@@ -166,7 +164,7 @@ class _Tracker:
             for mean, prior in zip(problem.mean.reshape(-1, 2), problem.priors, strict=True)
         ]
         self._before = list(problem.priors)
-        self._sensors = _sensor_names(problem)
+        self._sensors = target_sensors(problem)
 
     def predict(self, time: int) -> None:
         """Predict all targets from a time to the next."""
@@ -219,48 +217,6 @@ class _Tracker:
             return mean
         free = fields.cell_centers[workspace.are_positions_valid(fields.cell_centers)]
         return np.array(free[int(np.argmin(((free - mean) ** 2).sum(axis=1)))])
-
-
-def _sensor_names(problem: AcquisitionProblem) -> dict[str, AbstractSensor]:
-    """Sensors by a name for each robot and place."""
-    return {
-        f"{robot.name} {place}": sensor
-        for robot in problem.robots
-        for place, sensor in enumerate(robot.sensors)
-        if isinstance(sensor, AbstractSensor)
-    }
-
-
-def _world(problem: AcquisitionProblem, generator: np.random.Generator) -> World:
-    """A world whose targets are drawn from the prior, where it is free."""
-    truth = [
-        _drawn(problem, mean, prior, generator)
-        for mean, prior in zip(problem.mean.reshape(-1, 2), problem.priors, strict=True)
-    ]
-    robots = [
-        WorldRobot(
-            name=robot.name,
-            pose=robot.pose,
-            target_sensors=tuple(f"{robot.name} {place}" for place in range(len(robot.sensors))),
-        )
-        for robot in problem.robots
-    ]
-    return World(
-        robots=tuple(robots),
-        workspace=problem.workspace,
-        sensors=_sensor_names(problem),
-        hidden=problem.hidden,
-        hidden_state=np.concatenate(truth),
-    )
-
-
-def _drawn(
-    problem: AcquisitionProblem, mean: FloatArray, prior: Covariance, generator: np.random.Generator
-) -> FloatArray:
-    """A draw that is not inside an obstacle, where no robot could see it."""
-    draws = generator.multivariate_normal(mean, prior, _TRIES)
-    free = problem.workspace.are_positions_valid(draws)
-    return np.asarray(draws[int(np.argmax(free))])
 
 
 def _cell_m(problem: AcquisitionProblem, options: TreeOptions) -> float:

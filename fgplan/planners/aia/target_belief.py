@@ -13,13 +13,13 @@ each has a probability of ``_SURPRISE``, as a component is wider than the point 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fgplan.checks import frozen
 from fgplan.models.measurement import Measurement
 from fgplan.models.pose import position_in
 from fgplan.models.sensor import AbstractSensor, SightLines
-from fgplan.riccati.gaussian import predict_covariance, update
+from fgplan.planners.aia.extended_filter import update_target
+from fgplan.riccati.gaussian import predict_covariance
 from fgplan.typing import Covariance, FloatArray, Pose
 
 _WIDTH = 0.5
@@ -29,8 +29,6 @@ _REACH = 2.4
 _SURPRISE = 0.1
 _FORGOTTEN = 1e-3
 """Share of the greatest weight below which a component is left out."""
-_DIFFERENCE = 1e-5
-"""Step of the differences that give second derivatives, metres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,8 +135,8 @@ def update_belief(
     fit = np.zeros(len(means))
     for k in range(len(means)):
         fit[k] = 0.0 if sensor.visible(pose, means[k], world) else np.log(_SURPRISE)
-        means[k], covariances[k], gained = _filtered(
-            sensor, pose, measurement, means[k], covariances[k]
+        means[k], covariances[k], gained = update_target(
+            sensor, pose, means[k], covariances[k], measurement.value
         )
         fit[k] += gained
     return _weighed(belief, fit, means, covariances)
@@ -178,36 +176,3 @@ def _weighed(
     kept = weights >= _FORGOTTEN
     weights = weights[kept] / weights[kept].sum()
     return TargetBelief(weights=weights, means=means[kept], covariances=covariances[kept])
-
-
-def _filtered(
-    sensor: AbstractSensor,
-    pose: Pose,
-    measurement: Measurement,
-    mean: FloatArray,
-    spread: Covariance,
-) -> tuple[FloatArray, Covariance, float]:
-    """Mean, covariance and log-likelihood of one component: an extended filter of second order.
-
-    A range bends within the spread of an estimate near by, and a filter of first order then
-    believes what is not so. The mean and spread of what the Hessians H_a of the measurement add,
-    tr(H_a P) / 2 and tr(H_a P H_b P) / 2, go into innovation and noise. The sensor's noise depends
-    on where the target is, which is what is looked for: it is averaged over the component.
-    """
-    _, rows = sensor.jacobians(pose, mean)
-    moved = [
-        sensor.jacobians(pose, mean + sign * _DIFFERENCE * unit)[1]
-        for unit in np.eye(len(mean))
-        for sign in (1.0, -1.0)
-    ]
-    pairs = [moved[i] - moved[i + 1] for i in range(0, len(moved), 2)]
-    bent = np.stack(pairs, axis=2) / (2.0 * _DIFFERENCE) @ spread
-    edges = np.sqrt(len(mean)) * np.linalg.cholesky(spread).T
-    drawn = [sensor.noise(pose, mean + sign * edge) for edge in edges for sign in (1.0, -1.0)]
-    noise = np.mean(drawn, axis=0) + 0.5 * np.einsum("aij,bji->ab", bent, bent)
-    expected = sensor.predict(pose, mean) + 0.5 * np.trace(bent, axis1=1, axis2=2)
-    innovation: NDArray[np.float64] = sensor.difference(np.array(measurement.value), expected)
-    after_mean, after = update(mean, spread, rows, noise, innovation)
-    total = rows @ spread @ rows.T + noise
-    distance = float(innovation @ np.linalg.solve(total, innovation))
-    return after_mean, after, -0.5 * (distance + float(np.linalg.slogdet(total)[1]))

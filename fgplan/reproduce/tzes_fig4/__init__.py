@@ -1,0 +1,1 @@
+"""Figure 4 of Tzes et al. 2021."""
