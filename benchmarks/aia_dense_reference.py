@@ -163,22 +163,19 @@ class DenseReference:
         free = self.are_free(before.reshape(-1, 2), ways.reshape(-1, 2))
         return ends, free.reshape(ways.shape[:3]).all(axis=2)
 
-    def _parts(self) -> list[slice]:
-        """Robots that are treated at once."""
-        if self.one_by_one:
-            return [slice(j, j + 1) for j in range(len(self.starts))]
-        return [slice(None)]
-
     def _draw_controls(self, k: int, generator: np.random.Generator) -> np.ndarray | None:
         """Equation (9), from the controls that are free."""
-        node = self.nodes[self.members[k][-1]]
-        poses, numbers = self.poses[k], generator.random(len(self.poses[k]))
+        node, poses = self.nodes[self.members[k][-1]], self.poses[k]
+        numbers, time = generator.random(len(poses)), node.depth + 1
+        if not self.one_by_one:
+            return self._drawn(poses, node.assigned, time, numbers)
         drawn = []
-        for part in self._parts():
-            ends = self._drawn(poses[part], node.assigned[part], node.depth + 1, numbers[part])
-            if ends is None:
+        for j in range(len(poses)):
+            part = slice(j, j + 1)
+            end = self._drawn(poses[part], node.assigned[part], time, numbers[part])
+            if end is None:
                 return None
-            drawn.append(ends)
+            drawn.append(end)
         return np.concatenate(drawn)
 
     def _drawn(
@@ -212,7 +209,9 @@ class DenseReference:
 
     def _rows(self, poses: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
         """Measurement matrix and noise of all robots and targets at a time."""
-        parts = [self._rows_of(poses[part], time) for part in self._parts()]
+        if not self.one_by_one:
+            return self._rows_of(poses, time)
+        parts = [self._rows_of(poses[j : j + 1], time) for j in range(len(poses))]
         return np.concatenate([one[0] for one in parts]), np.concatenate([one[1] for one in parts])
 
     def _rows_of(self, poses: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
@@ -235,9 +234,12 @@ class DenseReference:
         unit = offset[robot, target] / length[robot, target, None]
         rows[row, 2 * target] = unit[:, 0]
         rows[row, 2 * target + 1] = unit[:, 1]
-        noise = np.ones(count)
-        noise[row] = np.maximum(self.floor_m, self.slope * length[robot, target]) ** 2
-        return rows, noise
+        noise = np.maximum(self.floor_m, self.slope * length[robot, target]) ** 2
+        if not self.every_row:
+            return rows, noise
+        every = np.ones(count)
+        every[row] = noise
+        return rows, every
 
     def _extend(self, index: int, poses: np.ndarray, key: tuple) -> None:
         """Lines 7 to 17 for one node."""
