@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _SIGMAS = 2.0
 _TARGET = "#444444"
-_LINK = "#E69F00"
+_LINK = "#56B4E9"
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
 
