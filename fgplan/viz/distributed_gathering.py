@@ -17,7 +17,7 @@ from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.distributed_aia.stopping_rule import links_along
 from fgplan.planners.distributed_aia.team_plan import TeamPlan
 from fgplan.team.communication_graph import CommunicationGraph
-from fgplan.viz.figure import new_figure
+from fgplan.viz.figure import matplotlib_module, new_figure
 from fgplan.viz.information_gathering import draw_team_path, film_team_path
 from fgplan.viz.palette import ROBOT_COLORS, robot_styles
 from fgplan.viz.running_times import draw_bars
@@ -57,7 +57,21 @@ def draw_distributed_plan(
     seen = done_robot(plan) if robot is None else robot
     title = f"{label}: F = {plan.horizon} steps; ellipses are those of {problem.robots[seen].name}"
     links = links_along(graph, plan.poses)
-    return draw_team_path(problem, plan.at(seen), title, links=links)
+    figure = draw_team_path(problem, plan.at(seen), title, links=links)
+    styles = robot_styles([one.name for one in problem.robots])
+    halo = matplotlib_module("patheffects").withStroke(linewidth=2.5, foreground="white")
+    for one in problem.robots:
+        name = figure.axes[0].annotate(
+            one.name,
+            (float(one.pose[0]), float(one.pose[1])),
+            xytext=(6, 5),
+            textcoords="offset points",
+            color=styles[one.name].color,
+            fontweight="bold",
+            zorder=9,
+        )
+        name.set_path_effects([halo])
+    return figure
 
 
 def film_distributed_plan(
@@ -120,17 +134,15 @@ def draw_target_uncertainties(
     function = uncertainty_function(terminal.function)
     figure = new_figure(height_px=560)
     axes = figure.add_subplot()
-    styles = robot_styles(problem.hidden.targets)
     path = plan.at(robot)
     for k, target in enumerate(problem.hidden.targets):
         values = function.evaluate(path.of_target(problem, k), problem.priors[k])
         block = problem.hidden.blocks[k]
         moves = bool(np.any(block.drift) or np.any(block.process))
-        color = styles[target].color if k < len(ROBOT_COLORS) else "#888888"
         marker = "ovsd"[k // len(ROBOT_COLORS) % 4]
         axes.plot(
             values,
-            color=color,
+            color=ROBOT_COLORS[k % len(ROBOT_COLORS)],
             ls="--" if moves else "-",
             marker=marker,
             markevery=max(1, len(values) // 12),
@@ -185,7 +197,7 @@ def iteration_time_figure(
     axes.set_yscale("log")
     axes.set_ylabel("time of an iteration (µs)")
     figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False
     )
     figure.suptitle(title, fontsize=14)
     return figure

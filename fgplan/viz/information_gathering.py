@@ -35,7 +35,7 @@ _UNITS = {
     "entropy": " (nats)",
     "mutual_information": " (nats)",
 }
-_LINK = "#E69F00"
+_LINK = "#56B4E9"
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
 

@@ -9,6 +9,7 @@ from aia_scenes import lattice_problem
 from fgplan.errors import InvalidInputError
 from fgplan.models.pose import between
 from fgplan.models.position_sensor import PositionSensor
+from fgplan.models.proportional_range import ProportionalRangeSensor
 from fgplan.models.range_bearing import RangeSensor
 from fgplan.planners.aia.problem import TerminalConstraint
 from fgplan.planners.aia.target_world import target_world
@@ -177,6 +178,32 @@ def test_range_filters_are_within_a_bound():
         ]
         # Linearised: 2 and four deviations of 36 independent targets.
         assert np.mean(means) < 2.0 + 4 * 2 / np.sqrt(36)
+
+
+def test_the_weight_of_the_bend_makes_range_filters_more_careful():
+    poses = walk(linear_problem(), 6)
+    dets, squares = {}, {}
+    for name, sensor in (
+        ("linear", PositionSensor(sigma_m=0.3)),
+        ("range", ProportionalRangeSensor(max_range_m=2.0)),
+    ):
+        problem = linear_problem(sensor)
+        for weight in (1.0, 16.0):
+            runs = [
+                execute(
+                    problem,
+                    poses,
+                    GRAPHS["complete"],
+                    np.random.default_rng(seed),
+                    bend_weight=weight,
+                )
+                for seed in range(8)
+            ]
+            dets[name, weight] = np.mean([np.linalg.det(run.covariances[-1]) for run in runs])
+            squares[name, weight] = np.mean([run.normalised_squared[-1] for run in runs])
+    assert dets["linear", 16.0] == dets["linear", 1.0]
+    assert dets["range", 16.0] > dets["range", 1.0]
+    assert squares["range", 16.0] < min(2.0, squares["range", 1.0])
 
 
 def test_the_rule_by_hand():

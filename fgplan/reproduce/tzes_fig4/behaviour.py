@@ -1,5 +1,7 @@
-"""What section VI-B of Tzes et al. 2021 says of paths: "robots may revisit targets that have already
-been satisfied" and "oscillate between the two moving targets", counted.
+"""Revisits and oscillations of a plan, counted, of which section VI-B of Tzes et al. 2021 speaks.
+
+"Robots may revisit targets that have already been satisfied"; without communication they "oscillate
+between the two moving targets".
 
 A revisit: a robot comes to where it can sense a target (range and line of sight, from one step to
 the next) that is already satisfied at that robot. An oscillation: the target that a robot is
