@@ -15,7 +15,12 @@ ones; with others they depend on where the targets truly are.
 
 The truth is drawn from the prior and moves by the hidden state's dynamics. Pooled beliefs share
 measurements, and the weights allow for that whatever they share: the normalised squared error is n
-coordinates a target on average where nothing is pooled, and at most that where something is.
+coordinates a target on average where nothing is pooled, and at most that where something is. That
+is so for linear sensors and for ranges that hardly bend within the spread. With the range sensor
+of the paper, whose noise vanishes near a target, priors of some decimetres and many steps about one
+place it is not: half the values stay near n, but a few far greater ones lift the mean several times
+above it (10.5 with prior 0.2 I, 5.7 with 0.02 I in the scene of ``reproduce tzes-fig4``); a
+``bend_weight`` of 16 brings it to about n and costs certainty.
 """
 
 from dataclasses import dataclass

@@ -102,7 +102,8 @@ def stopping_steps(knows: BoolArray, graph: CommunicationGraph) -> IntArray:
     """
     steps = np.empty(knows.shape[1], dtype=np.int64)
     for part in team_parts(graph):
-        steps[list(part)] = first_steps(knows[:, list(part)].any(axis=1, keepdims=True))
+        anybody = np.asarray(knows[:, list(part)].any(axis=1))
+        steps[list(part)] = first_steps(anybody[:, None])
     return steps
 
 
