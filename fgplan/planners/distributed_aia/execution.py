@@ -15,7 +15,12 @@ ones; with others they depend on where the targets truly are.
 
 The truth is drawn from the prior and moves by the hidden state's dynamics. Pooled beliefs share
 measurements, and the weights allow for that whatever they share: the normalised squared error is n
-coordinates a target on average where nothing is pooled, and at most that where something is.
+coordinates a target on average where nothing is pooled, and at most that where something is. That
+is so for linear sensors and for ranges that hardly bend within the spread. With the range sensor
+of the paper, whose noise vanishes near a target, and priors of some decimetres it is not: the
+median is 2.5, near n, but a few far greater values lift the mean to 27 to 43 (prior 0.2 I, scenes
+of ``reproduce tzes-fig4``). There a ``bend_weight`` of 16 brings the mean to 2.0, the
+median error to 0.16 m instead of 0.10 m.
 """
 
 from dataclasses import dataclass

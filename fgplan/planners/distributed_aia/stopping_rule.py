@@ -102,8 +102,8 @@ def stopping_steps(knows: BoolArray, graph: CommunicationGraph) -> IntArray:
     """
     steps = np.empty(knows.shape[1], dtype=np.int64)
     for part in team_parts(graph):
-        known: BoolArray = np.atleast_2d(knows[:, list(part)].any(axis=1)).T
-        steps[list(part)] = first_steps(known)
+        anybody = np.asarray(knows[:, list(part)].any(axis=1))
+        steps[list(part)] = first_steps(anybody[:, None])
     return steps
 
 
