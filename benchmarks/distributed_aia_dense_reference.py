@@ -267,7 +267,7 @@ class RobotTree:
         """Section III-A2 for one node."""
         world, node = self.world, self.nodes[index]
         here, t = self.poses[node.group], node.depth
-        sources, fused, taken = [], [(node.information, node.dets)], set()
+        sources, fused, late, taken = [], [(node.information, node.dets)], [False], set()
         recipe = [node.recipe]
         links = world.linked[t // world.period % len(world.linked), self.index]
         for other, before in zip(self.neighbours, node.sources, strict=True):
@@ -281,7 +281,9 @@ class RobotTree:
                 continue
             lag = 0 if world.literal else t - found.depth
             fused.append(world.forward(found, lag))
-            taken.add(found.assigned)
+            late.append(lag > 0)
+            if lag <= CATCH_UP:
+                taken.add(found.assigned)
             recipe.append((found.recipe, lag))
         made = (self._key(pose), *sources)
         if made in node.made:
@@ -291,7 +293,9 @@ class RobotTree:
         rows, weight = world.rows(here, t)
         self.fused += len(fused)
         self.measured += 1
-        omega = self._pooled(fused) + (rows.T * weight) @ rows
+        pooled, used = self._pooled(fused, np.array(late))
+        omega = pooled + (rows.T * weight) @ rows
+        recipe = [one for one, is_used in zip(recipe, used, strict=True) if is_used]
         covariance = world.predict(np.linalg.inv(omega))
         looked = (self.index, self._key(here)) if weight.any() else None
         number = world.recipes.setdefault((t, looked, *recipe), len(world.recipes) + 1)
@@ -331,16 +335,23 @@ class RobotTree:
         others = [child for child in reversed(children) if child != children[best]]
         return others[min(int(share * len(others)), len(others) - 1)]
 
-    def _pooled(self, fused: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """sum_j D_j Sigma_j^-1 D_j of (4), own node first."""
+    def _pooled(
+        self, fused: list[tuple[np.ndarray, np.ndarray]], late: np.ndarray
+    ) -> tuple[np.ndarray, list[bool]]:
+        """sum_j D_j Sigma_j^-1 D_j of (4), own node first; what lags where it knows more.
+
+        And which of them were used for some target.
+        """
         dets = np.array([one for _, one in fused])
-        weights = np.ones(dets.shape)
-        if len(fused) > 1:
-            weights[:] = (1.0 - self.world.kappa) / (len(fused) - 1)
-            weights[dets.argmin(axis=0), np.arange(dets.shape[1])] = self.world.kappa
+        counts = ~late[:, None] | (dets < dets[0])
+        others = counts.sum(axis=0) - 1
+        weights = counts * ((1.0 - self.world.kappa) / np.maximum(others, 1))
+        best = np.where(counts, dets, np.inf).argmin(axis=0)
+        weights[best, np.arange(dets.shape[1])] = np.where(others > 0, self.world.kappa, 1.0)
         scale = np.repeat(np.sqrt(weights), 2, axis=1)
         informations = np.array([one for one, _ in fused])
-        return (scale[:, :, None] * informations * scale[:, None, :]).sum(axis=0)
+        pooled = (scale[:, :, None] * informations * scale[:, None, :]).sum(axis=0)
+        return pooled, counts.any(axis=1).tolist()
 
     def _key(self, pose: np.ndarray) -> tuple:
         """A pose as a key: whole micrometres and millionths of a turn."""

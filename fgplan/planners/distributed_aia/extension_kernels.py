@@ -35,7 +35,7 @@ from fgplan.planners.aia.tree_kernels import (
     link_node,
 )
 from fgplan.planners.distributed_aia.assignment_kernels import assign_robot
-from fgplan.planners.distributed_aia.candidate_kernels import draw_candidate
+from fgplan.planners.distributed_aia.candidate_kernels import CATCH_UP, draw_candidate
 from fgplan.planners.distributed_aia.forest_kernels import (
     FUSED,
     MEASURED,
@@ -54,11 +54,13 @@ class Heard(NamedTuple):
 
     Attributes:
         covariance: Of the neighbours that are linked, shape (D, 3 M).
+        late: Whether each of these lags and is not to be fused as it is, shape (D,).
         node: Node of each neighbour's tree, -1 where nothing is known of it, shape (D,).
         taken: Targets that linked neighbours go for, shape (M,).
     """
 
     covariance: FloatArray
+    late: BoolArray
     node: IntArray
     taken: BoolArray
 
@@ -110,9 +112,11 @@ def hear_neighbours(
         for c in range(covariance.shape[1]):
             covariance[count, c] = forest.covariance[other, chosen, c]
         lag = t - int(forest.depth[other, chosen])
-        if lag > 0 and not links.literal:
+        heard.late[count] = lag > 0 and not links.literal
+        if heard.late[count]:
             predict_lag(covariance[count], setting.dynamics, t, lag)
-        taken[forest.assigned[other, chosen, 0]] = True
+        if lag <= CATCH_UP or links.literal:  # a robot left behind goes for nothing any more
+            taken[forest.assigned[other, chosen, 0]] = True
         count += 1
     return count
 
@@ -244,7 +248,7 @@ def extend_robot(
             covariance = tree.covariance[counts[NODES]]  # the caller has made room
             for c in range(covariance.shape[0]):
                 covariance[c] = tree.covariance[node, c]
-            fuse_rows(covariance, heard.covariance, count, information, links.kappa)
+            fuse_rows(covariance, heard.covariance, heard.late, count, information, links.kappa)
             if not dynamics.still:
                 predict_row(covariance, dynamics.identity, dynamics.transition, dynamics.process, t)
             counts[FUSED] += 1 + count

@@ -131,6 +131,7 @@ def make_heard(prepared: Prepared, neighbours: int) -> Heard:
     """
     return Heard(
         covariance=np.zeros((neighbours, len(prepared.root))),
+        late=np.zeros(neighbours, dtype=np.bool_),
         node=np.full(neighbours, -1, dtype=np.int64),
         taken=np.zeros(prepared.setting.sight.places.shape[1], dtype=np.bool_),
     )

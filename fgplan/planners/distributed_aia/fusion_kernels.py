@@ -5,6 +5,10 @@
 with one weight a robot and target: the most certain robot (least determinant; of equal ones the
 robot itself, then the first in the team) has kappa, the others share 1 - kappa. The numbers are
 those of ``fgplan.riccati.distributed`` (a test compares them).
+
+A neighbour's covariance that lags is fused for the targets of which it knows more than the robot.
+For the others its share would take away, step by step, what the robot knows: a neighbour that is
+left behind for good (its node never gets a child) would undo all that the robot learns.
 """
 
 import numpy as np
@@ -12,7 +16,7 @@ from numba import njit
 
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import Dynamics, measure_row, predict_row
-from fgplan.typing import FloatArray
+from fgplan.typing import BoolArray, FloatArray
 
 
 @njit(**UNCOUNTED)
@@ -26,36 +30,50 @@ def predict_lag(row: FloatArray, dynamics: Dynamics, t: int, lag: int) -> None:
 
 @njit(**UNCOUNTED)
 def fuse_rows(
-    row: FloatArray, heard: FloatArray, count: int, information: FloatArray, kappa: float
+    row: FloatArray,
+    heard: FloatArray,
+    late: BoolArray,
+    count: int,
+    information: FloatArray,
+    kappa: float,
 ) -> None:
     """Own covariance after fusing what was heard and measuring, in place.
 
     Where:
         row: Own covariance, shape (3 M,).
         heard: Covariances of others in the order of the team, shape (D, 3 M); ``count`` of them.
+        late: Which of them lag: these are left out of the targets of which they know less.
         information: J_i, shape (3 M,).
     """
     if count == 0:
         measure_row(row, information)
         return
-    small = (1.0 - kappa) / count
     for o in range(0, row.shape[0], 3):
         a, b, c = row[o], row[o + 1], row[o + 2]
         own = a * c - b * b
         least = own
         best = -1
+        others = 0
         for d in range(count):
             det = heard[d, o] * heard[d, o + 2] - heard[d, o + 1] * heard[d, o + 1]
+            if det < own or not late[d]:
+                others += 1
             if det < least:
                 least = det
                 best = d
+        small = (1.0 - kappa) / max(others, 1)
         weight = kappa if best < 0 else small
+        if others == 0:
+            weight = 1.0
         xx = weight * c / own + information[o]
         xy = -weight * b / own + information[o + 1]
         yy = weight * a / own + information[o + 2]
         for d in range(count):
             p, q, r = heard[d, o], heard[d, o + 1], heard[d, o + 2]
-            share = (kappa if d == best else small) / (p * r - q * q)
+            det = p * r - q * q
+            if late[d] and not det < own:
+                continue
+            share = (kappa if d == best else small) / det
             xx += share * r
             xy -= share * q
             yy += share * p

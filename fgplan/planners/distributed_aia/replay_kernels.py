@@ -42,6 +42,7 @@ def replay_path(
     numbers, satisfied = np.empty(targets), np.empty(targets, np.bool_)
     information = np.empty(root.shape[0])
     heard = np.empty((max(robots - 1, 1), root.shape[0]))
+    late = np.zeros(heard.shape[0], np.bool_)
     width = root.shape[0]
     for t in range(steps):
         for i in range(robots):
@@ -72,7 +73,7 @@ def replay_path(
                         information[3 * k] = xx
                         information[3 * k + 1] = xy
                         information[3 * k + 2] = yy
-                fuse_rows(row, heard, count, information, links.kappa)
+                fuse_rows(row, heard, late, count, information, links.kappa)
                 if not dynamics.still:
                     predict_row(
                         row, dynamics.identity, dynamics.transition, dynamics.process, t - 1
