@@ -163,6 +163,8 @@ def enter_node(
     covariance = tree.covariance[node]
     if criteria.terminal != criteria.objective:
         read_numbers(covariance, criteria.terminal, numbers)
+    for i in range(numbers.shape[0]):
+        numbers[i] /= forest.margin[r]
     shortfall = shortfall_of(
         numbers,
         criteria.terminal,

@@ -83,6 +83,7 @@ def make_forest(prepared: Prepared, rows: int, neighbours: int, nodes: int) -> F
         is_goal=np.zeros((rows, nodes), dtype=np.bool_),
         known=np.zeros(rows, dtype=np.int64),
         goals=np.zeros(rows, dtype=np.int64),
+        margin=np.ones(rows),
         clock=np.zeros(2, dtype=np.int64),
     )
 

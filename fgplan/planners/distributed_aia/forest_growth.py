@@ -59,6 +59,8 @@ from fgplan.typing import FloatArray
 
 Ended = Literal["sweeps", "feasible", "nodes"]
 _FIRST_NODES = 512
+MARGIN = 0.8
+"""By which a robot's limits shrink when the replay has refused its goal nodes."""
 
 
 class ForestGrowth:
@@ -185,6 +187,17 @@ class ForestGrowth:
     def goals_looked_at(self) -> None:
         """From now on ``run`` stops for new goal nodes only."""
         self.forest.goals[:] = self.forest.counts[:, GOALS]
+
+    def tighten(self, row: int) -> None:
+        """Ask for more from now on: the replay has refused the goal nodes of a row.
+
+        A tree knows neighbours that are left behind as they were; in the replay they go along, and
+        take their share. So a tree may take for known what is not quite.
+
+        Args:
+            row: The row.
+        """
+        self.forest.margin[row] *= MARGIN
 
     def rest(self, rows: Sequence[int]) -> None:
         """Rows that grow no more.

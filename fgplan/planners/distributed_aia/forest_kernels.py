@@ -58,6 +58,8 @@ class Forest(NamedTuple):
         is_goal: Whether the node satisfies the terminal constraint, shape (R, C).
         known: Nodes of each row up to which others may read it, shape (R,).
         goals: Goal nodes of each row that have been looked at, shape (R,).
+        margin: What each robot asks for is the limit times this: less than one once the replay has
+            refused what its tree took for a goal, shape (R,).
         clock: See ``TURN`` and ``SWEEP``.
     """
 
@@ -87,6 +89,7 @@ class Forest(NamedTuple):
     is_goal: BoolArray
     known: IntArray
     goals: IntArray
+    margin: FloatArray
     clock: IntArray
 
 

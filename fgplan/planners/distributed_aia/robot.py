@@ -7,11 +7,11 @@ what is known of a neighbour, and the robot asks for it; until then it goes on w
 (Remark 3).
 
 Plans. A robot that has made goal nodes claims the ways that they need, replays the team path, and
-keeps the cheapest that satisfies the constraint. It *reports* through a sweep when all its goal
-nodes up to there have been looked at: with ``first_feasible`` through the sweep of the earliest
-goal node that any report holds a plan of, with a budget through the last one. Who has the reports
-of its whole part of the team is finished, and holds the same plan as all others: that of the
-earliest sweep, of these the cheapest.
+keeps the cheapest that satisfies the constraint; until then it does not sweep, and its neighbours
+wait for it. It *reports* through a sweep when all its goal nodes up to there have been looked at:
+with ``first_feasible`` through the sweep of the earliest goal node that any report holds a plan of,
+with a budget through the last one. Who has the reports of its whole part of the team is finished,
+and holds the same plan as all others: that of the earliest sweep, of these the cheapest.
 """
 
 from collections.abc import Sequence
@@ -74,11 +74,12 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
     asked = late
     if asked:
         _ask_again(state, out)
+    state = _close(_answer(state, out))
     for _ in range(SWEEPS_A_STEP):
-        if state.ending in _OVER or not _is_ready(state, late=late):
+        if state.opened or state.ending in _OVER or not _is_ready(state, late=late):
             break
         late = False
-        state = _sweep(state, out)
+        state = _close(_answer(_sweep(state, out), out))
     state = _report(_close(_answer(state, out)), out)
     if state.finished:
         return replace(state, wake_s=np.inf), tuple(out)
@@ -193,9 +194,14 @@ def _close(state: RobotState) -> RobotState:
     """Replay the plans whose ways are all there."""
     opened, plans, refused = closed_plans(state.growth, state.setup.part, state.opened)
     count = len(state.opened) - len(opened)
+    accepted = state.accepted or bool(plans)
+    if state.opened and not opened:
+        if not accepted:
+            state.growth.tighten(0)
+        accepted = False
     best = min([*plans, *([state.best] if state.best else [])], key=_key, default=None)
     replays = (state.replayed[0] + count, state.replayed[1] + refused)
-    return replace(state, opened=opened, best=best, replayed=replays)
+    return replace(state, opened=opened, accepted=accepted, best=best, replayed=replays)
 
 
 def _report(state: RobotState, out: list[Outgoing]) -> RobotState:

@@ -58,6 +58,7 @@ class RobotState:
         waiting: Messages of nodes by (sweep, neighbour) whose turn has not come.
         claims: Claims that are not answered yet.
         opened: Plans for which ways are still being collected.
+        accepted: Whether the replay has accepted one of the plans that were opened together.
         best: The best plan of its own goal nodes.
         looked_at: Sweeps whose goal nodes have been claimed for.
         reports: By robot.
@@ -73,6 +74,7 @@ class RobotState:
     waiting: dict[tuple[int, int], Nodes] = field(default_factory=dict)
     claims: tuple[Claim, ...] = ()
     opened: tuple[OpenPlan, ...] = ()
+    accepted: bool = False
     best: PlanMessage | None = None
     looked_at: int = 0
     reports: dict[int, Report] = field(default_factory=dict)

@@ -73,12 +73,13 @@ class _Parts:
         """Whether every part has a plan."""
         return all(best is not None for best in self.best)
 
-    def look(self, rows: Sequence[int], born_since: int) -> bool:
-        """Replay paths of goal nodes; whether any part got a better plan."""
-        better = False
+    def look(self, rows: Sequence[int], born_since: int) -> None:
+        """Replay paths of goal nodes; a robot whose goal nodes are all refused asks for more."""
         for row in rows:
             place = next(p for p, part in enumerate(self.parts) if row in part)
-            for node in self.growth.goal_nodes(row, born_since):
+            goals = self.growth.goal_nodes(row, born_since)
+            refused = self.refused
+            for node in goals:
                 ways = extract(self.growth, row, node)
                 plan = replayed(self.growth, ways, ((row, node),))
                 self.candidates += 1
@@ -88,8 +89,8 @@ class _Parts:
                 best = self.best[place]
                 if best is None or (plan.cost, plan.origins) < (best[0].cost, best[0].origins):
                     self.best[place] = (plan, ways)
-                    better = True
-        return better
+            if goals and self.refused - refused == len(goals):
+                self.growth.tighten(row)
 
     def joined(self) -> TeamPlan | None:
         """The plan of the whole team."""

@@ -82,7 +82,7 @@ def iterate(
         if left < RESERVE:
             return NEED_NUMBERS
         uniform = counts[ITERATIONS] >= settings.uniform_from or (
-            settings.uniform_after_goal and counts[GOALS] > 0
+            settings.uniform_after_goal and not settings.stop_at_goal and counts[GOALS] > 0
         )
         k = draw_group(counts, tree.deepest, tree.stamp, settings.p_group, uniform, stream)
         if not draw_controls(
