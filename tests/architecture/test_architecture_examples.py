@@ -54,6 +54,7 @@ def test_example_scenario_runs(path, tmp_path, capsys):
     assert main(["run", str(path), "--quick", "--check", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     loop = "[simulation]" in path.read_text(encoding="utf-8")
-    assert ("closed loop, seed" if loop else "position on arrival") in said
+    gathers = "(1 sigma, worst direction)" in said  # what will be known of targets, not of poses
+    assert gathers or ("closed loop, seed" if loop else "position on arrival") in said
     figure = "session_1_chosen.png" if loop else "chosen_paths.png"
     assert (tmp_path / figure).stat().st_size > 1000
