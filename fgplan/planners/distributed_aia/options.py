@@ -11,8 +11,9 @@ everywhere.
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
+from fgplan.checks import check_not_negative
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
-from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until
+from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until, check_count
 
 EmptySet = Literal["predict", "literal"]
 ConstraintAt = Literal["one", "all"]
@@ -90,6 +91,8 @@ class DistributedOptions:
                     f"planner option {name}: expected one of {', '.join(allowed)}, got "
                     f"{getattr(self, name)!r}"
                 )
+        for name in ("p_candidate", "kappa"):
+            check_not_negative(getattr(self, name), f"planner option {name}")
         if not 0.0 < self.p_candidate < 1.0:
             raise InvalidInputError(
                 "planner option p_candidate: expected a number between 0 and 1, or Assumption 4 "
@@ -100,10 +103,7 @@ class DistributedOptions:
                 "planner option kappa: expected at least 0.5 and less than 1, the weight of the "
                 f"most certain robot, got {self.kappa!r}"
             )
-        if isinstance(self.goals_kept, bool) or self.goals_kept < 1:
-            raise InvalidInputError(
-                f"planner option goals_kept: expected at least 1, got {self.goals_kept!r}"
-            )
+        check_count("goals_kept", self.goals_kept, 1)
 
     def tree(self) -> TreeOptions:
         """The options of one robot's tree, as those of ``aia``.
@@ -134,7 +134,7 @@ def distributed_options(preset: str = "reproduction", **kwargs: Any) -> Distribu
     Raises:
         OptionError: If the preset or an option is not known, or a value is not usable.
     """
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         raise OptionError(
             f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
         )
