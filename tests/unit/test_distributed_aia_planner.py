@@ -23,7 +23,7 @@ from fgplan.planners.distributed_aia.information import (
 )
 from fgplan.planners.distributed_aia.options import distributed_options
 from fgplan.planners.distributed_aia.search import search_distributed
-from fgplan.planners.distributed_aia.stream import Stream
+from fgplan.planners.distributed_aia.stream import BLOCK, Stream
 from fgplan.planners.registry import find_planner
 from fgplan.riccati.distributed import team_step_blocks
 from fgplan.team.communication_graph import CommunicationGraph
@@ -355,6 +355,16 @@ def test_bad_options_are_refused_by_name(changes, error, says):
         find_planner("distributed_aia").plan(
             dataclasses.replace(mission, options=options), np.random.default_rng(0)
         )
+
+
+def test_a_robot_that_rests_makes_nobody_draw_ever_more_numbers():
+    problem = small_problem()
+    options = distributed_options(until="budget", iterations=10**6)
+    graph = graph_of(problem, "none")
+    growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
+    growth.rest([0])
+    growth.run(20_000)
+    assert growth._numbers.shape[1] == BLOCK
 
 
 def test_problems_that_the_trees_do_not_know_are_refused():

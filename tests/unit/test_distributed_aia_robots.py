@@ -30,6 +30,13 @@ GRAPHS = {
     "line": CommunicationGraph.of_edges(NAMES, [("r0", "r1"), ("r1", "r2"), ("r2", "r3")]),
     "two parts": CommunicationGraph.of_edges(NAMES, [("r0", "r2"), ("r1", "r3")]),
     "range": CommunicationGraph.within_range(NAMES, 5.0),
+    "schedule": CommunicationGraph.on_schedule(
+        [
+            CommunicationGraph.of_edges(NAMES, [("r0", "r1"), ("r2", "r3")]),
+            CommunicationGraph.of_edges(NAMES, [("r1", "r2")]),
+        ],
+        period=2,
+    ),
 }
 
 
@@ -78,6 +85,7 @@ def shuffled_run(graph, seed, order, **changes):
         *[(kind, {"until": "budget", "iterations": 60}) for kind in GRAPHS],
         # Robots out of range of each other never all know.
         *[(kind, {"constraint_at": "all"}) for kind in GRAPHS if kind != "range"],
+        *[(kind, {"preset": "paper", "node_budget": 20_000}) for kind in GRAPHS],
     ],
 )
 def test_robots_that_exchange_messages_find_the_plan_of_shared_arrays(kind, changes):
