@@ -332,6 +332,10 @@ def test_messages_in_a_scenario_give_the_same_plan_and_are_counted():
         ({"p_control": "a"}, OptionError, "option p_control: expected a finite number"),
         ({"uniform_after": 10**20}, OptionError, "uniform_after: expected at most"),
         ({"preset": ["paper"]}, OptionError, "preset"),
+        ({"of_robot": 3}, OptionError, "of_robot: expected a table by robot"),
+        ({"of_robot": {"ann": {"kappa": 0.9}}}, OptionError, "of_robot: ann: expected a table"),
+        ({"of_robot": {"ann": {"p_group": 0.1}}}, OptionError, "of_robot: ann: .* p_group"),
+        ({"of_robot": {"zed": {"p_group": 0.6}}}, InvalidInputError, "of_robot: expected some of"),
         ({"bound": True}, OptionError, "'bound'"),
         ({"preset": "pruned"}, OptionError, "preset"),
         ({"messages": "yes"}, OptionError, "messages"),
@@ -355,6 +359,41 @@ def test_bad_options_are_refused_by_name(changes, error, says):
         find_planner("distributed_aia").plan(
             dataclasses.replace(mission, options=options), np.random.default_rng(0)
         )
+
+
+def test_mass_functions_may_differ_by_robot():
+    problem = small_problem()
+    graph = graph_of(problem, "none")
+
+    def grown(**changes):
+        options = distributed_options(until="budget", iterations=300, **changes)
+        growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
+        growth.run(300)
+        return [growth.forest.parent[row, : growth.nodes(row)].tolist() for row in range(3)]
+
+    same = grown(p_group=0.6)
+    alike = grown(of_robot={name: {"p_group": 0.6} for name in ("r0", "r1", "r2")})
+    assert same == alike
+    base, one = grown(), grown(of_robot={"r1": {"p_group": 0.6}})
+    assert (one[0], one[1], one[2]) == (base[0], same[1], base[2])
+    drawn = grown(of_robot={"r2": {"p_control": 0.1}})
+    assert drawn[:2] == base[:2]
+    assert drawn[2] == grown(p_control=0.1)[2] != base[2]
+
+
+def test_the_candidates_mass_function_is_the_robot_s_own():
+    problem = small_problem()
+    graph = graph_of(problem)
+
+    def sources(**changes):
+        options = distributed_options(until="budget", iterations=60, **changes)
+        growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
+        growth.run(60)
+        return growth.forest.source[:, :60].tolist()
+
+    alike = sources(of_robot={name: {"p_candidate": 0.2} for name in ("r0", "r1", "r2")})
+    assert alike == sources(p_candidate=0.2)
+    assert alike != sources(of_robot={"r0": {"p_candidate": 0.2}}) != sources()
 
 
 def test_a_robot_that_rests_makes_nobody_draw_ever_more_numbers():

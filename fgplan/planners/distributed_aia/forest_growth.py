@@ -88,7 +88,7 @@ class ForestGrowth:
         Raises:
             InvalidInputError: If the problem is of a kind that these trees do not know.
         """
-        check_problem(problem, graph)
+        check_problem(problem, graph, options)
         self.problem, self.options, self.graph = problem, options, graph
         team = range(len(problem.robots))
         own = list(team) if robot is None else [robot]

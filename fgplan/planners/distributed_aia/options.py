@@ -8,6 +8,7 @@ and predicts covariances that lag. What the text does not give, p_C and kappa am
 everywhere.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
@@ -18,6 +19,7 @@ from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until
 EmptySet = Literal["predict", "literal"]
 ConstraintAt = Literal["one", "all"]
 
+_MASSES = ("p_group", "p_control", "p_candidate")
 _OF_TREE = (
     "p_group",
     "p_control",
@@ -42,6 +44,8 @@ class DistributedOptions:
         p_group: p_V of (8).
         p_control: p_U of (9).
         p_candidate: p_C of (10).
+        of_robot: By name of a robot, which of these three it has otherwise: the mass functions
+            may differ by robot.
         kappa: Weight of the most certain robot in the filter (4), target by target; the others
             share the rest.
         near_m: Distance to the target below which controls are drawn uniformly; None takes the
@@ -64,6 +68,7 @@ class DistributedOptions:
     p_group: float = 0.9
     p_control: float = 0.9
     p_candidate: float = 0.9
+    of_robot: Mapping[str, Mapping[str, float]] | None = None
     kappa: float = 0.9
     near_m: float | None = None
     near_controls: Near = "uniform"
@@ -104,6 +109,17 @@ class DistributedOptions:
                 f"most certain robot, got {self.kappa!r}"
             )
         check_count("goals_kept", self.goals_kept, 1)
+        self._check_robots()
+
+    def masses(self, robot: str) -> tuple[float, float, float]:
+        """p_V, p_U and p_C of a robot.
+
+        Args:
+            robot: Its name.
+        """
+        own = (self.of_robot or {}).get(robot, {})
+        p_group, p_control, p_candidate = (own.get(n, getattr(self, n)) for n in _MASSES)
+        return p_group, p_control, p_candidate
 
     def tree(self) -> TreeOptions:
         """The options of one robot's tree, as those of ``aia``.
@@ -112,6 +128,25 @@ class DistributedOptions:
             InvalidInputError: If one is not usable.
         """
         return TreeOptions(**{name: getattr(self, name) for name in _OF_TREE})
+
+    def _check_robots(self) -> None:
+        """Refuse mass functions of a robot that would not do for all."""
+        if self.of_robot is None:
+            return
+        if not isinstance(self.of_robot, Mapping):
+            raise InvalidInputError(
+                f"planner option of_robot: expected a table by robot, got {self.of_robot!r}"
+            )
+        for robot, own in self.of_robot.items():
+            if not isinstance(own, Mapping) or not set(own) <= set(_MASSES):
+                raise InvalidInputError(
+                    f"planner option of_robot: {robot}: expected a table of {', '.join(_MASSES)}, "
+                    f"got {own!r}"
+                )
+            try:
+                replace(self, of_robot=None, **own)
+            except InvalidInputError as error:
+                raise InvalidInputError(f"of_robot: {robot}: {error}") from error
 
 
 PRESETS: dict[str, dict[str, Any]] = {
