@@ -4,10 +4,11 @@ import msgspec
 import numpy as np
 import pytest
 from aia_scenes import lattice_problem
+from node_messages import two_nodes
 
 from fgplan.errors import InvalidInputError
 from fgplan.planners.distributed_aia.message_search import set_up_robots
-from fgplan.planners.distributed_aia.node_message import NodeMessage, Nodes
+from fgplan.planners.distributed_aia.node_message import NodeMessage
 from fgplan.planners.distributed_aia.options import distributed_options
 from fgplan.planners.distributed_aia.plan_messages import (
     Ask,
@@ -52,16 +53,7 @@ def envelope_of(message, sender, sequence=1):
 
 def nodes_of(**changes):
     """Two nodes."""
-    good = {
-        "first": 0,
-        "wants": -1,
-        "parents": np.array([-1, 0]),
-        "depths": np.array([0, 1]),
-        "covariances": np.tile([0.2, 0.0, 0.2], (2, 2)),
-        "assigned": np.array([0, 1]),
-        "positions": np.zeros((2, 2)),
-    }
-    return NodeMessage.of(Nodes(**good | changes))
+    return two_nodes(2, **changes)
 
 
 def way_of(robot, poses, assigned=None):

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 from aia_scenes import lattice_problem
+from node_messages import two_nodes
 
 from fgplan.errors import InvalidInputError
 from fgplan.planners.distributed_aia.message_search import (
@@ -11,7 +12,7 @@ from fgplan.planners.distributed_aia.message_search import (
     search_by_messages,
     set_up_robots,
 )
-from fgplan.planners.distributed_aia.node_message import NodeMessage, Nodes, read_nodes
+from fgplan.planners.distributed_aia.node_message import NodeMessage, read_nodes
 from fgplan.planners.distributed_aia.options import distributed_options
 from fgplan.planners.distributed_aia.plan_messages import (
     Claim,
@@ -188,16 +189,7 @@ def test_a_message_is_as_large_as_its_header_says():
 
 def nodes_of(**changes):
     """A message of two nodes, some of it changed."""
-    good = {
-        "first": 0,
-        "wants": -1,
-        "parents": np.array([-1, 0]),
-        "depths": np.array([0, 1]),
-        "covariances": np.tile([0.2, 0.0, 0.2], (2, 3)),
-        "assigned": np.array([0, 1]),
-        "positions": np.zeros((2, 2)),
-    }
-    return msgspec.msgpack.encode(NodeMessage.of(Nodes(**good | changes)))
+    return msgspec.msgpack.encode(two_nodes(3, **changes))
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,8 @@ class DistributedOptions:
                     f"got {own!r}"
                 )
             try:
-                replace(self, of_robot=None, **own)
+                changes: dict[str, Any] = {"of_robot": None, **own}
+                replace(self, **changes)
             except InvalidInputError as error:
                 raise InvalidInputError(f"of_robot: {robot}: {error}") from error
 
