@@ -23,6 +23,7 @@ from fgplan.planners.distributed_aia.plan_messages import (
     read_way,
 )
 from fgplan.planners.distributed_aia.way import Way
+from fgplan.typing import FloatArray
 
 _SAME = 1e-5
 """Metres and radians: poses of a tree are one below a micrometre and a millionth of a turn."""
@@ -170,7 +171,7 @@ def _check_moves(growth: ForestGrowth, ways: Mapping[int, Way]) -> None:
                 )
 
 
-def _is_same(first: np.ndarray, second: np.ndarray) -> bool:
+def _is_same(first: FloatArray, second: FloatArray) -> bool:
     """Whether two poses are one, up to rounding."""
     x, y, heading = (float(a) - float(b) for a, b in zip(first, second, strict=True))
     return max(abs(x), abs(y), abs(math.remainder(heading, 2.0 * math.pi))) < _SAME
