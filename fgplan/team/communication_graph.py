@@ -21,6 +21,8 @@ from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.typing import ArrayLike, BoolArray
 
 Edge = tuple[str, str]
+MOST_STEPS = 2**62
+"""Latest step and longest period; what 64 bits hold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -352,4 +354,8 @@ def _check_steps(name: str, value: object, *, least: int) -> None:
         raise InvalidInputError(
             f"communication graph {name}: expected a whole number of steps, {least} or more, got "
             f"{value!r}"
+        )
+    if value > MOST_STEPS:
+        raise InvalidInputError(
+            f"communication graph {name}: expected at most {MOST_STEPS} steps, got {value}"
         )

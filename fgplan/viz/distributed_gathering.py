@@ -21,16 +21,12 @@ from fgplan.viz.figure import matplotlib_module, new_figure
 from fgplan.viz.information_gathering import draw_team_path, film_team_path
 from fgplan.viz.palette import ROBOT_COLORS, robot_styles
 from fgplan.viz.running_times import draw_bars
+from fgplan.viz.uncertainty_label import uncertainty_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PREFIX = "iteration_us_"
-_UNITS = {
-    "determinant": "det Σ (m⁴)",
-    "trace": "tr Σ (m²)",
-    "largest_eigenvalue": "λ max of Σ (m²)",
-}
 
 
 def draw_distributed_plan(
@@ -155,7 +151,7 @@ def draw_target_uncertainties(
     if function.positive and not function.needs_prior:
         axes.set_yscale("log")
     axes.set_xlabel("step")
-    axes.set_ylabel(_UNITS.get(function.name, function.name.replace("_", " ")))
+    axes.set_ylabel(uncertainty_label(function.name))
     axes.set_title(f"{label}: targets as {problem.robots[robot].name} knows them", fontsize=13)
     axes.grid(color="#E8E8E8", lw=0.7)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", frameon=False)

@@ -21,6 +21,7 @@ from fgplan.viz.ellipse import ellipse_outlines
 from fgplan.viz.figure import matplotlib_module, new_figure
 from fgplan.viz.map_drawing import MapPicture, draw_lines, draw_workspace
 from fgplan.viz.palette import robot_styles
+from fgplan.viz.uncertainty_label import uncertainty_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,13 +29,6 @@ if TYPE_CHECKING:
 
 _SIGMAS = 2.0
 _TARGET = "#444444"
-_UNITS = {
-    "determinant": " (m⁴)",
-    "trace": " (m²)",
-    "largest_eigenvalue": " (m²)",
-    "entropy": " (nats)",
-    "mutual_information": " (nats)",
-}
 _LINK = "#56B4E9"
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
@@ -112,8 +106,7 @@ def draw_uncertainty(problem: AcquisitionProblem, paths: dict[str, TeamPath]) ->
     if function.positive and not function.needs_prior:
         axes.set_yscale("log")
     axes.set_xlabel("time (steps)")
-    unit = _UNITS.get(function.name, "")
-    axes.set_ylabel(f"{function.name.replace('_', ' ')} of the worst target{unit}")
+    axes.set_ylabel(uncertainty_label(function.name, " of the worst target"))
     axes.grid(color="#E0E0E0", lw=0.8)
     axes.legend(frameon=False)
     return figure

@@ -23,7 +23,7 @@ from fgplan.planners.distributed_aia.information import (
 )
 from fgplan.planners.distributed_aia.options import distributed_options
 from fgplan.planners.distributed_aia.search import search_distributed
-from fgplan.planners.distributed_aia.stream import Stream
+from fgplan.planners.distributed_aia.stream import BLOCK, Stream
 from fgplan.planners.registry import find_planner
 from fgplan.riccati.distributed import team_step_blocks
 from fgplan.team.communication_graph import CommunicationGraph
@@ -326,11 +326,26 @@ def test_messages_in_a_scenario_give_the_same_plan_and_are_counted():
         ({"empty_set": "ask"}, OptionError, "empty_set"),
         ({"constraint_at": "most"}, OptionError, "constraint_at"),
         ({"goals_kept": 0}, OptionError, "goals_kept"),
+        ({"goals_kept": 1.5}, OptionError, "goals_kept"),
+        ({"kappa": "0.9"}, OptionError, "option kappa: expected a finite number"),
+        ({"p_candidate": [1]}, OptionError, "option p_candidate: expected a finite number"),
+        ({"p_control": "a"}, OptionError, "option p_control: expected a finite number"),
+        ({"uniform_after": 10**20}, OptionError, "uniform_after: expected at most"),
+        ({"preset": ["paper"]}, OptionError, "preset"),
+        ({"of_robot": 3}, OptionError, "of_robot: expected a table by robot"),
+        ({"of_robot": {"ann": {"kappa": 0.9}}}, OptionError, "of_robot: ann: expected a table"),
+        ({"of_robot": {"ann": {"p_group": 0.1}}}, OptionError, "of_robot: ann: .* p_group"),
+        ({"of_robot": {"zed": {"p_group": 0.6}}}, InvalidInputError, "of_robot: expected some of"),
         ({"bound": True}, OptionError, "'bound'"),
         ({"preset": "pruned"}, OptionError, "preset"),
         ({"messages": "yes"}, OptionError, "messages"),
         ({"wait_s": -1.0}, OptionError, "wait_s"),
         ({"graph": {"kind": "ring"}}, OptionError, "kind"),
+        (
+            {"graph": {"kind": "schedule", "graphs": [{"kind": "none"}], "period": 10**20}},
+            OptionError,
+            "period: expected at most",
+        ),
         ({"graph": {"kind": "random", "average_degree": 0.4}}, OptionError, "average_degree"),
         ({"messages": True, "seconds": 1.0}, InvalidInputError, "seconds"),
         ({"terminal_goals": True}, InvalidInputError, "terminal goals"),
@@ -344,6 +359,51 @@ def test_bad_options_are_refused_by_name(changes, error, says):
         find_planner("distributed_aia").plan(
             dataclasses.replace(mission, options=options), np.random.default_rng(0)
         )
+
+
+def test_mass_functions_may_differ_by_robot():
+    problem = small_problem()
+    graph = graph_of(problem, "none")
+
+    def grown(**changes):
+        options = distributed_options(until="budget", iterations=300, **changes)
+        growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
+        growth.run(300)
+        return [growth.forest.parent[row, : growth.nodes(row)].tolist() for row in range(3)]
+
+    same = grown(p_group=0.6)
+    alike = grown(of_robot={name: {"p_group": 0.6} for name in ("r0", "r1", "r2")})
+    assert same == alike
+    base, one = grown(), grown(of_robot={"r1": {"p_group": 0.6}})
+    assert (one[0], one[1], one[2]) == (base[0], same[1], base[2])
+    drawn = grown(of_robot={"r2": {"p_control": 0.1}})
+    assert drawn[:2] == base[:2]
+    assert drawn[2] == grown(p_control=0.1)[2] != base[2]
+
+
+def test_the_candidates_mass_function_is_the_robot_s_own():
+    problem = small_problem()
+    graph = graph_of(problem)
+
+    def sources(**changes):
+        options = distributed_options(until="budget", iterations=60, **changes)
+        growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
+        growth.run(60)
+        return growth.forest.source[:, :60].tolist()
+
+    alike = sources(of_robot={name: {"p_candidate": 0.2} for name in ("r0", "r1", "r2")})
+    assert alike == sources(p_candidate=0.2)
+    assert alike != sources(of_robot={"r0": {"p_candidate": 0.2}}) != sources()
+
+
+def test_a_robot_that_rests_makes_nobody_draw_ever_more_numbers():
+    problem = small_problem()
+    options = distributed_options(until="budget", iterations=10**6)
+    graph = graph_of(problem, "none")
+    growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
+    growth.rest([0])
+    growth.run(20_000)
+    assert growth._numbers.shape[1] == BLOCK
 
 
 def test_problems_that_the_trees_do_not_know_are_refused():

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 from aia_scenes import lattice_problem
+from node_messages import two_nodes
 
 from fgplan.errors import InvalidInputError
 from fgplan.planners.distributed_aia.message_search import (
@@ -11,7 +12,7 @@ from fgplan.planners.distributed_aia.message_search import (
     search_by_messages,
     set_up_robots,
 )
-from fgplan.planners.distributed_aia.node_message import NodeMessage, Nodes, read_nodes
+from fgplan.planners.distributed_aia.node_message import NodeMessage, read_nodes
 from fgplan.planners.distributed_aia.options import distributed_options
 from fgplan.planners.distributed_aia.plan_messages import (
     Claim,
@@ -30,6 +31,13 @@ GRAPHS = {
     "line": CommunicationGraph.of_edges(NAMES, [("r0", "r1"), ("r1", "r2"), ("r2", "r3")]),
     "two parts": CommunicationGraph.of_edges(NAMES, [("r0", "r2"), ("r1", "r3")]),
     "range": CommunicationGraph.within_range(NAMES, 5.0),
+    "schedule": CommunicationGraph.on_schedule(
+        [
+            CommunicationGraph.of_edges(NAMES, [("r0", "r1"), ("r2", "r3")]),
+            CommunicationGraph.of_edges(NAMES, [("r1", "r2")]),
+        ],
+        period=2,
+    ),
 }
 
 
@@ -78,6 +86,7 @@ def shuffled_run(graph, seed, order, **changes):
         *[(kind, {"until": "budget", "iterations": 60}) for kind in GRAPHS],
         # Robots out of range of each other never all know.
         *[(kind, {"constraint_at": "all"}) for kind in GRAPHS if kind != "range"],
+        *[(kind, {"preset": "paper", "node_budget": 20_000}) for kind in GRAPHS],
     ],
 )
 def test_robots_that_exchange_messages_find_the_plan_of_shared_arrays(kind, changes):
@@ -180,16 +189,7 @@ def test_a_message_is_as_large_as_its_header_says():
 
 def nodes_of(**changes):
     """A message of two nodes, some of it changed."""
-    good = {
-        "first": 0,
-        "wants": -1,
-        "parents": np.array([-1, 0]),
-        "depths": np.array([0, 1]),
-        "covariances": np.tile([0.2, 0.0, 0.2], (2, 3)),
-        "assigned": np.array([0, 1]),
-        "positions": np.zeros((2, 2)),
-    }
-    return msgspec.msgpack.encode(NodeMessage.of(Nodes(**good | changes)))
+    return msgspec.msgpack.encode(two_nodes(3, **changes))
 
 
 @pytest.mark.parametrize(
@@ -199,11 +199,14 @@ def nodes_of(**changes):
         ({"parents": np.array([-2, 0])}, "parent before its child"),
         ({"depths": np.array([1, 1])}, "parent before its child"),
         ({"depths": np.array([0, -1])}, "depths"),
+        ({"depths": np.array([0, 2])}, "depths one more"),
         ({"assigned": np.array([0, 3])}, "targets below 3"),
         ({"assigned": np.array([0])}, "assigned: expected 4 bytes"),
         ({"covariances": np.full((2, 9), np.nan)}, "finite"),
         ({"covariances": np.tile([0.2, 0.3, 0.2], (2, 3))}, "positive definite"),
         ({"covariances": np.tile([-0.2, 0.0, -0.2], (2, 3))}, "positive definite"),
+        ({"covariances": np.tile([1e-155, 0.0, 1e-155], (2, 3))}, "inverses"),
+        ({"covariances": np.tile([1e150, 0.0, 1e150], (2, 3))}, "inverses"),
         ({"positions": np.full((2, 2), np.inf)}, "finite"),
         ({"positions": np.zeros((1, 2))}, "positions: expected 32 bytes"),
     ],

@@ -93,7 +93,7 @@ def test_uncertainty_of_every_target_at_one_robot(scene, tmp_path):
     figure = written(draw_target_uncertainties(problem, plan, 2, "Full"), tmp_path)
     (axes,) = figure.axes
     assert axes.get_yscale() == "log"
-    assert axes.get_ylabel() == "det Σ (m⁴)"
+    assert axes.get_ylabel() == "determinant (m⁴)"
     assert axes.get_xlabel() == "step"
     assert axes.get_title() == "Full: targets as r2 knows them"
     assert len(axes.lines) == 11

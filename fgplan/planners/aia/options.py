@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from fgplan.checks import check_positive
+from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
 
 Preset = Literal["paper", "reproduction", "pruned"]
@@ -22,6 +22,8 @@ Expand = Literal["group", "node"]
 Near = Literal["uniform", "circle"]
 Until = Literal["first_feasible", "budget"]
 Switch = Literal["feasible", "never"]
+MOST = 2**62
+"""Largest number that is counted to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +94,8 @@ class TreeOptions:
                 raise InvalidInputError(
                     f"planner option {name}: expected true or false, got {getattr(self, name)!r}"
                 )
+        for name in ("p_group", "p_control"):
+            check_not_negative(getattr(self, name), f"planner option {name}")
         if not 0.5 < self.p_group < 1.0:
             raise InvalidInputError(
                 f"planner option p_group: expected a number between 0.5 and 1 (8), got "
@@ -103,11 +107,11 @@ class TreeOptions:
                 f"fails, got {self.p_control!r}"
             )
         if self.uniform_after not in get_args(Switch):
-            _check_count("uniform_after", self.uniform_after, 0)
-        _check_count("node_budget", self.node_budget, 1)
-        _check_count("restarts", self.restarts, 0)
+            check_count("uniform_after", self.uniform_after, 0)
+        check_count("node_budget", self.node_budget, 1)
+        check_count("restarts", self.restarts, 0)
         if self.iterations is not None:
-            _check_count("iterations", self.iterations, 1)
+            check_count("iterations", self.iterations, 1)
         for name in ("near_m", "seconds", "geodesic_cell_m"):
             if getattr(self, name) is not None:
                 check_positive(getattr(self, name), f"planner option {name}")
@@ -140,7 +144,7 @@ def tree_options(preset: str = "paper", **kwargs: Any) -> TreeOptions:  # noqa: 
     Raises:
         OptionError: If the preset or an option is not known, or a value is not usable.
     """
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         raise OptionError(
             f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
         )
@@ -174,9 +178,20 @@ def split_options(
     )
 
 
-def _check_count(option: str, value: object, least: int) -> None:
-    """Refuse what is not a whole number of at least so many."""
+def check_count(option: str, value: object, least: int) -> None:
+    """Refuse what is not a whole number of at least so many.
+
+    Args:
+        option: Its name.
+        value: What was given.
+        least: The smallest number that is usable.
+
+    Raises:
+        InvalidInputError: If it is none, or more than 64 bits hold.
+    """
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise InvalidInputError(
             f"planner option {option}: expected a whole number of at least {least}, got {value!r}"
         )
+    if value > MOST:
+        raise InvalidInputError(f"planner option {option}: expected at most {MOST}, got {value}")

@@ -81,14 +81,14 @@ def answer_claim(growth: ForestGrowth, claim: Claim) -> Iterator[tuple[int, WayM
 
     Args:
         growth: The robot's tree, row 0.
-        claim: A claim on it.
+        claim: A claim on it, checked.
 
     Yields:
         Receiver and message.
     """
     robot, graph = growth.robots[0], growth.graph
     by = dict(claim_order(graph, claim.origin)).get(robot)
-    if claim.robot != robot or by is None or claim.node >= growth.nodes(0):
+    if by is None or claim.node >= growth.nodes(0):
         return
     way = way_through(growth, 0, claim.node, claim.steps, claim.born_by)
     poses, assigned = written_way(way)

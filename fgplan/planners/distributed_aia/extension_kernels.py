@@ -95,7 +95,7 @@ def hear_neighbours(
             int(forest.source[r, node, d]),
             t,
             forest.known[other],
-            links.p_candidate,
+            links.p_candidate[r],
             stream,
         )
         used[d] = chosen

@@ -46,6 +46,7 @@ from fgplan.planners.distributed_aia.forest_kernels import (
     MEASURED,
     NEED_NUMBERS,
     SWEEP,
+    TURN,
     receive_nodes,
 )
 from fgplan.planners.distributed_aia.known_problem import check_prepared, check_problem
@@ -89,7 +90,7 @@ class ForestGrowth:
         Raises:
             InvalidInputError: If the problem is of a kind that these trees do not know.
         """
-        check_problem(problem, graph)
+        check_problem(problem, graph, options)
         self.problem, self.options, self.graph = problem, options, graph
         team = range(len(problem.robots))
         own = list(team) if robot is None else [robot]
@@ -233,12 +234,19 @@ class ForestGrowth:
 
         Args:
             robot: The neighbour.
-            nodes: What it sent; doubled or late ones do no harm.
+            nodes: What it sent; doubled or late ones do no harm. Where depths are not those of
+                what is here, none is entered.
         """
+        row, older = self.robots.index(robot), (nodes.parents >= 0) & (nodes.parents < nodes.first)
+        here = nodes.parents[older] < self.forest.depth.shape[1]
+        parents, depths = nodes.parents[older][here], nodes.depths[older][here]
+        known = self.forest.depth[row, parents]
+        if ((known >= 0) & (depths != known + 1)).any():
+            return
         self._room_for(nodes.first + len(nodes.parents))
         receive_nodes(
             self.forest,
-            self.robots.index(robot),
+            row,
             nodes.first,
             nodes.parents,
             nodes.depths,
@@ -334,7 +342,8 @@ class ForestGrowth:
         elif ended == NEED_TIME:
             self.prepared = further(self.prepared, self.problem)
         elif ended == NEED_NUMBERS:
-            left = self._numbers.shape[1] - int(self._place[: self._own].min())
+            # Of the row that asks: others may have drawn none for long.
+            left = self._numbers.shape[1] - int(self._place[self.forest.clock[TURN], 0])
             self._more_numbers(max(RESERVE, 2 * left))
         else:
             return False

@@ -104,7 +104,9 @@ class Links(NamedTuple):
         linked: Whether robots are linked, by sets of the schedule in turn, shape (T, N, N).
         period: Steps for which each set holds.
         range_m: Distance up to which they are; infinite where it does not matter.
-        p_candidate: p_C of (10).
+        p_group: p_V of (8) of each row's robot, shape (R,).
+        p_control: p_U of (9), shape (R,).
+        p_candidate: p_C of (10), shape (R,).
         kappa: Weight of the most certain robot.
         literal: Whether a covariance that lags is fused as it is (Remark 3), not predicted forward.
     """
@@ -115,7 +117,9 @@ class Links(NamedTuple):
     linked: BoolArray
     period: int
     range_m: float
-    p_candidate: float
+    p_group: FloatArray
+    p_control: FloatArray
+    p_candidate: FloatArray
     kappa: float
     literal: bool
 

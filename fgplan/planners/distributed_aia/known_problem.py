@@ -3,19 +3,24 @@
 from fgplan.errors import InvalidInputError
 from fgplan.planners.aia.arrays import Prepared
 from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.distributed_aia.options import DistributedOptions
 from fgplan.team.communication_graph import CommunicationGraph
 
 
-def check_problem(problem: AcquisitionProblem, graph: CommunicationGraph) -> None:
+def check_problem(
+    problem: AcquisitionProblem, graph: CommunicationGraph, options: DistributedOptions
+) -> None:
     """Refuse a problem that the trees do not know.
 
     Args:
         problem: What is planned for.
         graph: Who hears whom.
+        options: How trees are grown.
 
     Raises:
-        InvalidInputError: If the graph is of another team, a robot has a terminal goal, or the
-            targets are not independent points in the plane.
+        InvalidInputError: If the graph is of another team, an option of a robot that is not in the
+            team, a robot has a terminal goal, or the targets are not independent points in the
+            plane.
     """
     names = tuple(robot.name for robot in problem.robots)
     if tuple(graph.robots) != names:
@@ -23,6 +28,11 @@ def check_problem(problem: AcquisitionProblem, graph: CommunicationGraph) -> Non
             f"communication graph: expected the team {', '.join(names)}, got "
             f"{', '.join(graph.robots)}"
         )
+    for name in options.of_robot or {}:
+        if name not in names:
+            raise InvalidInputError(
+                f"planner option of_robot: expected some of {', '.join(names)}, got {name!r}"
+            )
     for robot in problem.robots:
         if robot.goal is not None:
             raise InvalidInputError(

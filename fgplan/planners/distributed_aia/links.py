@@ -32,6 +32,7 @@ def links_of(
     for row in range(own):
         for place, other in enumerate(graph.ever(robots[row])):
             neighbour[row, place] = robots.index(other)
+    masses = np.array([options.masses(graph.robots[robot]) for robot in robots])
     return Links(
         robot=np.array(robots, dtype=np.int64),
         grows=np.arange(len(robots)) < own,
@@ -39,7 +40,9 @@ def links_of(
         linked=graph.scheduled,
         period=graph.period,
         range_m=graph.range_m,
-        p_candidate=options.p_candidate,
+        p_group=masses[:, 0].copy(),
+        p_control=masses[:, 1].copy(),
+        p_candidate=masses[:, 2].copy(),
         kappa=options.kappa,
         literal=options.empty_set == "literal",
     )

@@ -29,6 +29,7 @@ _PARTS: tuple[tuple[str, Any], ...] = (
     ("positions", np.dtype("<f8")),
 )
 MOST_NODES = 2**31 - 1
+_LARGEST = 1e100
 
 
 class Nodes(NamedTuple):
@@ -114,7 +115,8 @@ class NodeMessage(
 
         Raises:
             InvalidInputError: If sizes do not fit each other, a number is not finite, a covariance
-                is not positive definite, or a parent does not come before its child.
+                is not positive definite or its inverse has no bound, a parent does not come before
+                its child, or a depth is not one more than the parent's.
         """
         count = len(self)
         parts = dict(self._read(count, targets))
@@ -131,11 +133,22 @@ class NodeMessage(
             raise InvalidInputError(
                 f"nodes: expected depths of at least 0 and targets below {targets}"
             )
+        inside = parents >= max(self.first, 0)
+        if (depths[inside] != depths[parents[inside] - self.first] + 1).any():
+            raise InvalidInputError("nodes: expected depths one more than those of the parents")
         if not np.isfinite(covariances).all() or not np.isfinite(positions).all():
             raise InvalidInputError("nodes: expected finite covariances and positions")
         xx, xy, yy = covariances[:, 0::3], covariances[:, 1::3], covariances[:, 2::3]
-        if not ((xx > 0.0) & (xx * yy - xy * xy > 0.0)).all():
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            determinants, traces = xx * yy - xy * xy, xx + yy
+            # An inverse that overflows would spread over the receiver's own tree.
+            usable = (traces < _LARGEST) & (traces / determinants < _LARGEST)
+        if not ((xx > 0.0) & (determinants > 0.0)).all():
             raise InvalidInputError("nodes: expected positive definite covariances")
+        if not usable.all():
+            raise InvalidInputError(
+                f"nodes: expected traces of covariances and their inverses below {_LARGEST:g}"
+            )
         return Nodes(
             self.first, self.wants, parents, depths, covariances, parts["assigned"], positions
         )

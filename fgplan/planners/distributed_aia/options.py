@@ -8,15 +8,18 @@ and predicts covariances that lag. What the text does not give, p_C and kappa am
 everywhere.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
+from fgplan.checks import check_not_negative
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
-from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until
+from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until, check_count
 
 EmptySet = Literal["predict", "literal"]
 ConstraintAt = Literal["one", "all"]
 
+_MASSES = ("p_group", "p_control", "p_candidate")
 _OF_TREE = (
     "p_group",
     "p_control",
@@ -41,6 +44,8 @@ class DistributedOptions:
         p_group: p_V of (8).
         p_control: p_U of (9).
         p_candidate: p_C of (10).
+        of_robot: By name of a robot, which of these three it has otherwise: the mass functions
+            may differ by robot.
         kappa: Weight of the most certain robot in the filter (4), target by target; the others
             share the rest.
         near_m: Distance to the target below which controls are drawn uniformly; None takes the
@@ -63,6 +68,7 @@ class DistributedOptions:
     p_group: float = 0.9
     p_control: float = 0.9
     p_candidate: float = 0.9
+    of_robot: Mapping[str, Mapping[str, float]] | None = None
     kappa: float = 0.9
     near_m: float | None = None
     near_controls: Near = "uniform"
@@ -90,6 +96,8 @@ class DistributedOptions:
                     f"planner option {name}: expected one of {', '.join(allowed)}, got "
                     f"{getattr(self, name)!r}"
                 )
+        for name in ("p_candidate", "kappa"):
+            check_not_negative(getattr(self, name), f"planner option {name}")
         if not 0.0 < self.p_candidate < 1.0:
             raise InvalidInputError(
                 "planner option p_candidate: expected a number between 0 and 1, or Assumption 4 "
@@ -100,10 +108,18 @@ class DistributedOptions:
                 "planner option kappa: expected at least 0.5 and less than 1, the weight of the "
                 f"most certain robot, got {self.kappa!r}"
             )
-        if isinstance(self.goals_kept, bool) or self.goals_kept < 1:
-            raise InvalidInputError(
-                f"planner option goals_kept: expected at least 1, got {self.goals_kept!r}"
-            )
+        check_count("goals_kept", self.goals_kept, 1)
+        self._check_robots()
+
+    def masses(self, robot: str) -> tuple[float, float, float]:
+        """p_V, p_U and p_C of a robot.
+
+        Args:
+            robot: Its name.
+        """
+        own = (self.of_robot or {}).get(robot, {})
+        p_group, p_control, p_candidate = (own.get(n, getattr(self, n)) for n in _MASSES)
+        return p_group, p_control, p_candidate
 
     def tree(self) -> TreeOptions:
         """The options of one robot's tree, as those of ``aia``.
@@ -112,6 +128,26 @@ class DistributedOptions:
             InvalidInputError: If one is not usable.
         """
         return TreeOptions(**{name: getattr(self, name) for name in _OF_TREE})
+
+    def _check_robots(self) -> None:
+        """Refuse mass functions of a robot that would not do for all."""
+        if self.of_robot is None:
+            return
+        if not isinstance(self.of_robot, Mapping):
+            raise InvalidInputError(
+                f"planner option of_robot: expected a table by robot, got {self.of_robot!r}"
+            )
+        for robot, own in self.of_robot.items():
+            if not isinstance(own, Mapping) or not set(own) <= set(_MASSES):
+                raise InvalidInputError(
+                    f"planner option of_robot: {robot}: expected a table of {', '.join(_MASSES)}, "
+                    f"got {own!r}"
+                )
+            try:
+                changes: dict[str, Any] = {"of_robot": None, **own}
+                replace(self, **changes)
+            except InvalidInputError as error:
+                raise InvalidInputError(f"of_robot: {robot}: {error}") from error
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -134,7 +170,7 @@ def distributed_options(preset: str = "reproduction", **kwargs: Any) -> Distribu
     Raises:
         OptionError: If the preset or an option is not known, or a value is not usable.
     """
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         raise OptionError(
             f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
         )

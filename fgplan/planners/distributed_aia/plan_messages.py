@@ -65,7 +65,7 @@ class WayMessage(_Message, frozen=True, kw_only=True, tag="way.v1"):
 
 
 class PlanMessage(_Message, frozen=True, kw_only=True, tag="plan.v1"):
-    """A plan of a part of the team; whoever gets it replays it.
+    """A plan of a part of the team; who would follow it replays it first.
 
     Attributes:
         rank: What counts before the cost: the sweep in which the goal node was made where the

@@ -28,6 +28,7 @@ from fgplan.planners.distributed_aia.claims import (
     first_claims,
     take_way,
 )
+from fgplan.planners.distributed_aia.message_check import check_claim, check_report, check_way
 from fgplan.planners.distributed_aia.node_message import NodeMessage, Nodes, read_nodes
 from fgplan.planners.distributed_aia.plan_messages import (
     Ask,
@@ -93,19 +94,24 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
 def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> RobotState:
     """One message."""
     sender = _place(state, envelope.robot)
+    if sender not in state.sweeps_of:
+        raise InvalidInputError(
+            f"{envelope.kind} of robot {envelope.robot!r}: robot {state.setup.name!r} does not "
+            "hear it"
+        )
     if envelope.kind == NODES:
-        if sender not in state.sweeps_of:
-            raise InvalidInputError(
-                f"nodes of robot {envelope.robot!r}: robot {state.setup.name!r} does not hear it"
-            )
         if state.ending in _OVER:
             return state
         nodes = envelope.content or read_nodes(envelope.payload, state.growth.problem.targets)
         return _hold(state, sender, envelope.sequence, nodes)
     message = envelope.content or read_planning_message(envelope.payload)
     if isinstance(message, Claim):
+        check_claim(state.growth, sender, message)
+        if message in state.claims:
+            return state
         return replace(state, claims=(*state.claims, message))
     if isinstance(message, WayMessage):
+        check_way(state.growth, sender, message)
         opened, forwarded = take_way(state.setup.robot, state.setup.graph, state.opened, message)
         if forwarded is not None:
             _send(state, out, message, to=forwarded)
@@ -115,17 +121,34 @@ def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> Robo
             if robot not in message.has:
                 _send(state, out, report, to=sender)
         return state
-    known = state.reports.get(message.robot)
-    if message.robot not in state.setup.part or (known and known.through >= message.through):
+    return _believe(state, sender, message, out)
+
+
+def _believe(state: RobotState, sender: int, report: Report, out: list[Outgoing]) -> RobotState:
+    """A report that says more than what is known of that robot; it is passed on."""
+    known = state.reports.get(report.robot)
+    if report.robot == state.setup.robot or (known and known.through >= report.through):
         return state
-    _send(state, out, message, but=sender)
-    return replace(state, reports=state.reports | {message.robot: message})
+    check_report(state.growth, state.setup.part, report, state.plan)
+    held = known.plan if known is not None else None
+    if held is not None and (report.plan is None or report.plan.key > held.key):
+        raise InvalidInputError(
+            f"report of robot number {report.robot}: expected a plan at least as good as the one "
+            f"that it reported through sweep {known.through if known else 0}"
+        )
+    _send(state, out, report, but=sender)
+    return replace(state, reports=state.reports | {report.robot: report})
 
 
 def _hold(state: RobotState, sender: int, sequence: int, nodes: Nodes) -> RobotState:
     """Keep nodes until their turn; notice a hole, and what the sender misses."""
     has, hole = state.has[sender]
-    end = nodes.first + len(nodes.parents)
+    end, budget = nodes.first + len(nodes.parents), state.setup.options.node_budget
+    if end > budget:
+        raise InvalidInputError(
+            f"nodes of robot {state.setup.graph.robots[sender]!r}: expected numbers below the node "
+            f"budget {budget}, got up to {end - 1}"
+        )
     hole = hole or nodes.first > has
     if nodes.first <= has < end:
         has, hole = end, False
@@ -181,9 +204,11 @@ def _look(state: RobotState, out: list[Outgoing], goals: Sequence[int]) -> Robot
 def _answer(state: RobotState, out: list[Outgoing]) -> RobotState:
     """Answer claims, once the sweep in which their goal nodes were made is over here too."""
     left = []
+    over = state.ending in _OVER
     for claim in state.claims:
-        if state.growth.sweep <= claim.born_by and state.ending not in _OVER:
-            left.append(claim)
+        if state.growth.sweep <= claim.born_by:
+            if not over:  # else its plan comes after the one that is held
+                left.append(claim)
             continue
         for other, message in answer_claim(state.growth, claim):
             _send(state, out, message, to=other)

@@ -129,6 +129,7 @@ def grow_forest(
 
     Where:
         setting: Of the whole team; kind of robot j is j.
+        settings: Of all robots, but for the mass functions, which ``links`` has by row.
         numbers: Random numbers of each row, shape (R, B), and the next one's ``place``, (R, 1).
         sweeps: How many more at most.
 
@@ -163,6 +164,21 @@ def grow_forest(
                     setting.near_m[j : j + 1],
                     setting.goal[j : j + 1],
                 )
+                masses = Settings(
+                    settings.at_child,
+                    settings.bound,
+                    settings.dominance,
+                    settings.assign,
+                    settings.one_node,
+                    settings.reject_jointly,
+                    settings.circle,
+                    settings.stop_at_goal,
+                    settings.uniform_after_goal,
+                    settings.uniform_from,
+                    links.p_group[r],
+                    links.p_control[r],
+                    settings.node_limit,
+                )
                 tree = Tree(
                     forest.parent[r],
                     forest.first_child[r],
@@ -186,7 +202,7 @@ def grow_forest(
                 )
                 ended = iterate(
                     own,
-                    settings,
+                    masses,
                     links,
                     poses,
                     tree,
