@@ -2,10 +2,10 @@
 
 Printed: 10 x 10 x 5 m, ground robots of 0.1 m a step, communication range 0.2 m, range sensors
 of 5 m with line of sight and noise (12), starts and first estimates of eight targets, C(0) =
-0.25 I, delta = 0.12^2 m^2, the two team graphs. Not printed, and ours: the walls, the targets' A, B u and Q,
-the robots' first paths, samples, steps and duration. They are all in ``UNPRINTED`` and go into
-every result. Those of the targets and the walls were chosen so that the two baselines come near
-their published figures: a calibration, no confirmation.
+0.25 I, delta = 0.12^2 m^2, the two team graphs. Not printed, and ours: the walls, A, B u and Q of
+the targets, the robots' first paths, samples, steps and duration. They are all in ``UNPRINTED``
+and go into every result. Those of the targets and the walls were chosen so that the two baselines
+come near their published figures: a calibration, no confirmation.
 
 Targets follow straight or circular paths and are pushed off them: with r(t) the path,
 

@@ -15,10 +15,11 @@ from fgplan.models.sensor import AbstractSensor
 from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
 from fgplan.planners.aia.obstacle_kernels import Obstacles
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
-from fgplan.planners.intermittent.filter_kernels import Readings, Targets, run_filter
+from fgplan.planners.intermittent.filter_kernels import Readings, Targets, look, run_filter
 from fgplan.planners.intermittent.measurement_kernels import (
     DETERMINANT,
     LARGEST_EIGENVALUE,
+    POSITION,
     TRACE,
     block_uncertainty,
 )
@@ -107,6 +108,43 @@ class BlockModel:
         """
         metric = METRICS[self.metric]
         return np.array([block_uncertainty(block, metric) for block in covariance])
+
+    def observation_count(self, robot: int) -> int:
+        """Number of things that a robot can measure.
+
+        Args:
+            robot: Its row.
+
+        Returns:
+            Sensors times targets.
+        """
+        del robot
+        return int(self.table.shape[1]) * len(self.hidden.blocks)
+
+    def measure(
+        self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
+    ) -> tuple[tuple[int, tuple[float, ...]], ...]:
+        """What a robot measures of the true state.
+
+        Args:
+            robot: Its row.
+            state: Shape (n,).
+            position: Of the robot, shape (2,), metres.
+            normals: Standard normal numbers, shape (observation_count, 3).
+
+        Returns:
+            Index and value of each measurement, ascending.
+        """
+        count, size = len(self.hidden.blocks), self.hidden.blocks[0].size
+        sensors = self.table[robot]
+        values, seen = np.zeros_like(normals), np.zeros(len(normals), dtype=np.bool_)
+        x, y = float(position[0]), float(position[1])
+        look(sensors, self.obstacles, x, y, state.reshape(count, size), normals, values, seen)
+        rows = [size if sensor[0] == POSITION else int(sensor[-1]) for sensor in sensors]
+        return tuple(
+            (index, tuple(values[index, : rows[index // count]].tolist()))
+            for index in np.flatnonzero(seen).tolist()
+        )
 
     def run(
         self, estimate: Estimate, until: int, records: Sequence[tuple[int, Record]]

@@ -12,6 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.models.hidden_state import square_root
 from fgplan.models.uncertainty import UncertaintyFunction, uncertainty_function
 from fgplan.planners.intermittent.ekf import (
     Form,
@@ -98,6 +99,40 @@ class DenseModel:
         whole = covariance[0]
         parts = self.parts or (slice(0, self.size),)
         return np.array([float(self._function.evaluate(whole[p, p], None)) for p in parts])
+
+    def observation_count(self, robot: int) -> int:
+        """Number of things that a robot can measure.
+
+        Args:
+            robot: Its row.
+
+        Returns:
+            Its observations.
+        """
+        return len(self.observations[robot])
+
+    def measure(
+        self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
+    ) -> tuple[tuple[int, tuple[float, ...]], ...]:
+        """What a robot measures of the true state, with noise M v, v ~ N(0, R).
+
+        Args:
+            robot: Its row.
+            state: Shape (n,).
+            position: Of the robot, shape (2,), metres.
+            normals: Standard normal numbers, shape (observation_count, 3).
+
+        Returns:
+            Index and value of each measurement, ascending.
+        """
+        readings = []
+        for index, one in enumerate(self.observations[robot]):
+            if one.visible(state, position, self.workspace):
+                by_noise = one.jacobians(state, position)[1]
+                root = square_root(one.noise(state, position))
+                noise = by_noise @ root @ normals[index, : root.shape[1]]
+                readings.append((index, tuple((one.predict(state, position) + noise).tolist())))
+        return tuple(readings)
 
     def run(
         self, estimate: Estimate, until: int, records: Sequence[tuple[int, Record]]

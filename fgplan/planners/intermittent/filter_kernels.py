@@ -204,3 +204,32 @@ def follow_places(
         if total >= limit:
             return np.inf
     return total
+
+
+@njit(**UNCOUNTED)
+def look(
+    sensors: FloatArray,
+    obstacles: Obstacles,
+    px: float,
+    py: float,
+    targets: FloatArray,
+    normals: FloatArray,
+    values: FloatArray,
+    seen: BoolArray,
+) -> None:
+    """What one robot measures of the true targets, shape (M, s).
+
+    Where:
+        normals: Standard normal numbers, shape (C M, 3).
+        values, seen: Written, shapes (C M, 3) and (C M,).
+    """
+    count, size = targets.shape[0], targets.shape[1]
+    for c in range(sensors.shape[0]):
+        for i in range(count):
+            index = c * count + i
+            seen[index] = is_visible(sensors[c], obstacles, px, py, targets[i])
+            if not seen[index]:
+                continue
+            for k in range(row_count(sensors[c], size)):
+                _, _, _, variance, value = measurement_row(sensors[c], k, px, py, targets[i])
+                values[index, k] = value + np.sqrt(variance) * normals[index, k]

@@ -41,7 +41,8 @@ def geodesic_way(grid: GeodesicGrid, start: FloatArray, end: FloatArray) -> Floa
         near = np.flatnonzero((gap <= 2.0 * grid.frame.resolution_m) & np.isfinite(values))
         here = values[near] + gap[near]
         order = near[np.argsort(here, kind="stable")]
-        free = world.are_motions_valid(corners[-1], centers[order]) if len(order) else []
+        starts = np.repeat(corners[-1][None], len(order), axis=0)
+        free = world.are_motions_valid(starts, centers[order])
         lower = [
             int(cell)
             for cell, is_free in zip(order, free, strict=True)

@@ -97,7 +97,7 @@ def plan_segment(
     rows = np.flatnonzero(meets)
     report = {"nodes": grown.count, "meeting_nodes": len(rows)}
     if not len(rows):
-        failed = () if connected.any() else ("connection",)
+        failed: tuple[str, ...] = () if connected.any() else ("connection",)
         failed += () if simultaneous.any() else ("time",)
         return _straight_meeting(problem, options, generator, failed or ("time",), report)
     settled = [grown.settle(row) for row in rows.tolist()]
