@@ -98,6 +98,7 @@ UNPRINTED: dict[str, Any] = {
     "wall_thickness_m": WALL_M,
     "a": 0.99,
     "q_m2": 2e-3,
+    "q_height_share": 0.01,
     "target_speed_m": 0.02,
     "circle_radius_m": 0.4,
     "line_length_m": 1.6,
@@ -179,7 +180,7 @@ def hidden_targets(targets: tuple[int, ...], steps: int) -> HiddenState:
                 targets=(f"target{target + 1}",),
                 transition=a * np.eye(3),
                 drift=controls[:, column],
-                process=q * np.eye(3),
+                process=q * np.diag([1.0, 1.0, UNPRINTED["q_height_share"]]),
             )
             for column, target in enumerate(targets)
         )

@@ -20,6 +20,7 @@ class Leg:
         due: Agreed time of the meeting, steps.
         start: Time of the first place.
         places: One row a step, shape (S, 2), metres; the last is where the robot meets.
+        slack: Steps that it may have to wait there, as far as plans with others are concerned.
     """
 
     team: int
@@ -27,6 +28,7 @@ class Leg:
     due: int
     start: int
     places: FloatArray
+    slack: int = 0
 
     @property
     def arrival(self) -> int:
@@ -37,6 +39,11 @@ class Leg:
     def ready(self) -> int:
         """Time at which the meeting can begin as far as this robot knows."""
         return max(self.due, self.arrival)
+
+    @property
+    def leaves(self) -> int:
+        """Time at which it leaves again at the latest, for all that is known."""
+        return self.ready + self.slack
 
     def place_at(self, time: int) -> FloatArray:
         """Where the robot is at a step; before its start and after its arrival it stays.
@@ -50,9 +57,7 @@ class Leg:
         return self.places[min(max(time - self.start, 0), len(self.places) - 1)]
 
 
-def departed(
-    leg: Leg, time: int, position: FloatArray, grid: GeodesicGrid, step_m: float
-) -> Leg:
+def departed(leg: Leg, time: int, position: FloatArray, grid: GeodesicGrid, step_m: float) -> Leg:
     """A leg as it is followed from a place at a time.
 
     A robot that is where and when the leg begins follows it. Any other goes the short way to its
@@ -73,7 +78,7 @@ def departed(
     way = geodesic_way(grid, position, leg.places[-1])
     soonest = time + len(walk(way, step_m)) - 1
     places = stretched([way], np.array([time]), max(soonest, leg.due), step_m)[0]
-    return Leg(leg.team, leg.epoch, leg.due, time, places)
+    return Leg(leg.team, leg.epoch, leg.due, time, places, leg.slack)
 
 
 def departed_in_turn(
@@ -95,5 +100,5 @@ def departed_in_turn(
     for leg in legs:
         own = departed(leg, time, position, grid, step_m)
         followed.append(own)
-        time, position = own.ready, own.places[-1]
+        time, position = own.leaves, own.places[-1]
     return tuple(followed)

@@ -41,6 +41,7 @@ class LegData(msgspec.Struct, frozen=True):
     due: Count
     start: Count
     places: Numbers
+    slack: Count = 0
 
 
 class Offer(msgspec.Struct, frozen=True):
@@ -114,7 +115,7 @@ def leg_data(leg: Leg) -> LegData:
     Returns:
         Its data.
     """
-    return LegData(leg.team, leg.epoch, leg.due, leg.start, numbers_of(leg.places))
+    return LegData(leg.team, leg.epoch, leg.due, leg.start, numbers_of(leg.places), leg.slack)
 
 
 def leg_of(data: LegData) -> Leg:
@@ -131,10 +132,8 @@ def leg_of(data: LegData) -> Leg:
     """
     places = array_of(data.places)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) == 0:
-        raise InvalidInputError(
-            f"message: expected places of shape (steps, 2), got {places.shape}"
-        )
-    return Leg(data.team, data.epoch, data.due, data.start, places)
+        raise InvalidInputError(f"message: expected places of shape (steps, 2), got {places.shape}")
+    return Leg(data.team, data.epoch, data.due, data.start, places, data.slack)
 
 
 def known_of(knowledge: Knowledge, offers: dict[str, Offer]) -> Known:

@@ -7,8 +7,8 @@ nobody has news (the inbox is empty), its first member plans the ways to the tea
 hands them round (``agreed``); each filters anew from its checkpoint, late measurements included,
 forgets what all have, and leaves.
 
-A teammate that does not come is waited for until ``wait_steps`` after the agreed time. Those who
-are there have told each other everything by then and go on. Nobody has agreed on anything new, so
+A teammate that does not come is waited for until ``wait_steps`` after the agreed time: so long may
+who waits be late elsewhere. Those who are there have told each other everything by then and go on. Nobody has agreed on anything new, so
 present and absent alike know where the team meets next: at the same place, ``recovery_steps``
 later (or a multiple: the first that is not past). What the absent robot measured stays in its log
 until it meets anybody; logs are prefixes, so nothing is lost and nothing counted twice. A robot that
@@ -25,8 +25,8 @@ from fgplan.planners.intermittent.message import (
     Known,
     Offer,
     Sensed,
-    known_of,
     knowledge_of,
+    known_of,
     leg_data,
     leg_of,
     unwrap,
@@ -59,7 +59,6 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
         content = unwrap(envelope)
         if isinstance(content, Sensed):
             state = _sense(state, content)
-            state = _leave_in_vain(state)
             state, news = _enter(state)
         elif envelope.session != state.leg.team or state.phase != "meeting":
             continue  # of another team that meets nearby, or of a meeting that is over
@@ -68,10 +67,12 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
         else:
             state, news = _agree(state, content, _NOT_PLANNED)
         outgoing += news
-    met = state.phase == "meeting" and len(state.offers) == len(_members(state))
-    if met and not inbox.envelopes:
-        state, news = _plan(state)
-        outgoing += news
+    if state.phase == "meeting" and not inbox.envelopes:
+        if len(state.offers) == len(_members(state)):
+            state, news = _plan(state)
+            outgoing += news
+        elif state.now >= state.leg.due + state.setup.wait_steps:
+            state = _leave_in_vain(state)
     return state, tuple(outgoing)
 
 
@@ -98,8 +99,10 @@ def _sense(state: RobotState, sensed: Sensed) -> RobotState:
     record, setup = sensed.record, state.setup
     kept = record if record.readings else None
     knowledge = remember(state.knowledge, record.time, kept)
-    own = [] if kept is None else [(state.knowledge.robot, record)]
-    estimate = setup.model.run(state.estimate, record.time, own).estimate
+    estimate = state.estimate
+    if kept is not None:  # else the prediction can wait until there is something to filter
+        own = [(state.knowledge.robot, record)]
+        estimate = setup.model.run(estimate, record.time, own).estimate
     position = np.array(record.position)
     legs = state.legs
     if state.phase == "moving" and not np.array_equal(position, state.leg.place_at(record.time)):
@@ -125,9 +128,7 @@ def _enter(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
         key=lambda leg: (leg.epoch, leg.team),
     )
     offer = Offer(state.position, tuple(leg_data(leg) for leg in others))
-    state = msgspec.structs.replace(
-        state, phase="meeting", entered=state.now, offers={state.robot: offer}
-    )
+    state = msgspec.structs.replace(state, phase="meeting", offers={state.robot: offer})
     return _tell(state)
 
 
@@ -166,7 +167,7 @@ def _plan(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
             between, state.now, np.array(offer.position), setup.grid, setup.options.step_m
         )
         starts.append(ways[-1].places[-1] if ways else np.array(offer.position))
-        times.append(ways[-1].ready if ways else state.now)
+        times.append(ways[-1].leaves if ways else state.now)
         tracks.append(ways)
     rows = np.arange(state.now, max(times) + 1)
     problem = SegmentProblem(
@@ -198,7 +199,7 @@ def _plan(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
 def _place(ways: tuple[Leg, ...], start: FloatArray, time: int) -> FloatArray:
     """Where a robot is on its ways with other teams."""
     for leg in ways:
-        if time <= leg.ready:
+        if time <= leg.leaves:
             return leg.place_at(time)
     return start
 
@@ -224,13 +225,12 @@ def _agree(
 def _leave_in_vain(state: RobotState) -> RobotState:
     """Go on without those who did not come."""
     setup, leg = state.setup, state.leg
-    if state.phase != "meeting" or state.now <= max(leg.due + setup.wait_steps, state.entered):
-        return state
     state = _fuse_and_forget(state, tuple(state.offers), state.told, _NOT_PLANNED)
     due, epoch = leg.due, leg.epoch
     while due == leg.due or due + setup.wait_steps < state.now:
         due, epoch = due + setup.recovery_steps, epoch + setup.schedule.period
-    again = Leg(leg.team, epoch, due, due, leg.places[-1:])
+    # Who did not come once is planned with as if it would be waited for in vain again.
+    again = Leg(leg.team, epoch, due, due, leg.places[-1:], slack=setup.wait_steps)
     return _depart(state, again)
 
 

@@ -117,10 +117,9 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True):
         legs: Its way to the next meeting of each of its teams.
         epoch: Of its last meeting; 0 before the first.
         knowledge: Of all measurements.
-        estimate: Its own, with all it knows and measured, at ``now``.
+        estimate: Its own, with all it knows and measured, at the time of the last of it.
         fused: The way from the checkpoint to the last meeting, as fused there, and where it began.
         phase: On its way, or at the place of a meeting.
-        entered: Step in which it came there.
         offers: Of those present, itself included.
         told: Time up to which it had each robot's measurements when it last told all it knew.
         meetings: What came of its meetings.
@@ -136,7 +135,6 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True):
     epoch: int = 0
     fused: tuple[int, Filtered] | None = None
     phase: Phase = "moving"
-    entered: int = 0
     offers: dict[str, Offer] = {}
     told: tuple[int, ...] = ()
     meetings: tuple[MeetingRecord, ...] = ()

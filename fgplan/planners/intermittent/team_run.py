@@ -122,6 +122,7 @@ def run_team(
     records: list[tuple[int, Record]] = []
     snapshots: list[Snapshot] = []
     stored = np.zeros(truth.steps + 1)
+    held = np.zeros(len(names))
     for time in range(1, truth.steps + 1):
         if progress is not None and time % 20 == 0:
             progress(time, truth.steps, f"{len(snapshots)} meetings")
@@ -149,15 +150,18 @@ def run_team(
                 _step(states, name, radio, ())
             if not radio.waiting():
                 break
-        seen: set[int] = set()
-        for name in names:
+        seen: set[int] = set()  # teams of which a member has spoken
+        for row, name in enumerate(names):
             state = states[name]
-            stored[time] += state.knowledge.readings
+            if name in sensed:
+                held[row] += len(sensed[name].record.readings)
             if len(state.meetings) > before[name] and state.fused is not None:
                 last = state.meetings[-1]
+                held[row] = last.readings
                 if last.team not in seen:
                     seen.add(last.team)
                     snapshots.append(Snapshot(name, last.team, last.epoch, time, *state.fused))
+        stored[time] = held.sum()
     return TeamRun(
         positions=positions,
         records=tuple(records),
