@@ -9,9 +9,9 @@ come near their published figures: a calibration, no confirmation.
 
 Targets follow straight or circular paths and are pushed off them: with r(t) the path,
 
-    x(t + 1) = a x(t) + (r(t + 1) - a r(t)) + w,   w ~ N(0, q I)
+    x(t + 1) = a x(t) + (r(t + 1) - a r(t)) + w,   w ~ N(0, q diag(1, 1, share))
 
-so that they stay near their paths, and an unseen target's variance tends to q / (1 - a^2).
+where the share of the height is small: they move on level paths.
 """
 
 from typing import Any
@@ -22,6 +22,7 @@ from fgplan.models.clamped_range import ClampedRangeSensor
 from fgplan.models.hidden_state import HiddenBlock, HiddenState
 from fgplan.planners.intermittent.block_model import BlockModel
 from fgplan.planners.intermittent.estimate import Estimate
+from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.team_graph import TeamGraph
 from fgplan.typing import FloatArray
 from roadmaps import Workspace
@@ -84,20 +85,25 @@ FOUR_TEAMS = (("r12", "r14"), ("r12", "r23"), ("r23", "r34"), ("r14", "r34"))
 
 WALL_M = 0.1
 WALLS = (
-    ((3.4, 0.0), (3.4, 2.8)),
+    ((3.4, 0.0), (3.4, 2.4)),
+    ((0.0, 3.4), (2.4, 3.4)),
     ((6.6, 0.0), (6.6, 2.4)),
-    ((0.0, 4.6), (2.4, 4.6)),
-    ((7.4, 5.2), (10.0, 5.2)),
-    ((4.6, 7.0), (4.6, 10.0)),
-    ((4.2, 4.4), (5.8, 5.6)),
+    ((7.6, 3.4), (10.0, 3.4)),
+    ((6.4, 7.6), (6.4, 10.0)),
+    ((7.6, 6.6), (10.0, 6.6)),
+    ((3.9, 7.6), (3.9, 10.0)),
+    ((0.0, 6.6), (2.4, 6.6)),
+    ((4.4, 4.4), (5.6, 5.6)),
+    ((2.4, 5.0), (2.4, 6.6)),
+    ((7.6, 3.4), (7.6, 5.0)),
 )
-"""Middle lines of the walls, metres."""
+"""Middle lines of the walls, metres: a room with one door in each corner."""
 
 UNPRINTED: dict[str, Any] = {
     "walls": WALLS,
     "wall_thickness_m": WALL_M,
-    "a": 0.99,
-    "q_m2": 2e-3,
+    "a": 1.0,
+    "q_m2": 2.5e-3,
     "q_height_share": 0.01,
     "target_speed_m": 0.02,
     "circle_radius_m": 0.4,
@@ -106,10 +112,18 @@ UNPRINTED: dict[str, Any] = {
     "every": 1,
     "samples": 600,
     "explore": 300,
-    "epsilon_m": 1.0,
+    "epsilon_m": 0.5,
+    "horizon_steps": 400,
+    "sync": "slowdown",
     "four_targets": FOUR_TARGETS,
+    "robot_starts": "uniform in the free space, by seed",
+    "first_paths": "planned like all others, from the first estimate",
+    "formation": "two rows, 0.15 m apart, from (5.0, 6.3)",
+    "meeting_points": "uniform in the free space",
 }
 """What the paper does not print."""
+
+FORMATION_START_M = (5.0, 6.3)
 
 
 def indoor_world() -> Workspace:
@@ -159,6 +173,21 @@ def target_paths(targets: tuple[int, ...], steps: int) -> FloatArray:
             circle = np.stack([np.cos(turned), np.sin(turned)], axis=1)
             paths[:, column, :2] += radius * (heading + circle)
     return paths
+
+
+def segment_options() -> SegmentOptions:
+    """Options of planning, as printed or as in ``UNPRINTED``.
+
+    Returns:
+        The options.
+    """
+    return SegmentOptions(
+        samples=UNPRINTED["samples"],
+        explore=UNPRINTED["explore"],
+        epsilon_m=UNPRINTED["epsilon_m"],
+        sync=UNPRINTED["sync"],
+        horizon_steps=UNPRINTED["horizon_steps"],
+    )
 
 
 def hidden_targets(targets: tuple[int, ...], steps: int) -> HiddenState:

@@ -52,6 +52,9 @@ BENCHES: dict[str, RegisteredCommand] = {
     "aia": RegisteredCommand(
         "fgplan.bench.aia:run", "the sampling tree of planner aia against a dense reference"
     ),
+    "intermittent": RegisteredCommand(
+        "fgplan.bench.intermittent:run", "plans of small teams to their next meeting"
+    ),
 }
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {

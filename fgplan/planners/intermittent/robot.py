@@ -2,17 +2,17 @@
 
 A robot follows its leg, measures, and runs its filter with what it measures. At the end of the
 leg it tells its team everything (``known``) and passes on whatever is news to it, so that all who
-are connected, over several hops if need be, come to know the same. When the whole team is there and
-nobody has news (the inbox is empty), its first member plans the ways to the team's next meeting and
-hands them round (``agreed``); each filters anew from its checkpoint, late measurements included,
-forgets what all have, and leaves.
+are connected, over several hops if need be, come to know the same. When the whole team is there
+and nobody has news (the inbox is empty), its first member plans the ways to the team's next
+meeting and hands them round (``agreed``); each filters anew from its checkpoint, late measurements
+included, forgets what all have, and leaves.
 
 A teammate that does not come is waited for until ``wait_steps`` after the agreed time: so long may
-who waits be late elsewhere. Those who are there have told each other everything by then and go on. Nobody has agreed on anything new, so
-present and absent alike know where the team meets next: at the same place, ``recovery_steps``
-later (or a multiple: the first that is not past). What the absent robot measured stays in its log
-until it meets anybody; logs are prefixes, so nothing is lost and nothing counted twice. A robot that
-is late takes the short way to the end of its next leg.
+who waits be late elsewhere. Those who are there have told each other everything by then and go on.
+Nobody has agreed on anything new, so present and absent alike know where the team meets next: at
+the same place, ``recovery_steps`` later (or a multiple: the first that is not past). What the
+absent robot measured stays in its log until it meets anybody; logs are prefixes, so nothing is
+lost and nothing counted twice. A robot that is late takes the short way to the end of its next leg.
 """
 
 import msgspec

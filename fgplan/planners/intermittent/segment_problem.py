@@ -34,6 +34,14 @@ class StateModel(Protocol):
     def uncertainties(self, covariance: FloatArray) -> FloatArray:
         """Uncertainty of each target."""
 
+    def observation_count(self, robot: int) -> int:
+        """Number of things that a robot can measure."""
+
+    def measure(
+        self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
+    ) -> tuple[tuple[int, tuple[float, ...]], ...]:
+        """What a robot measures of the true state."""
+
     def run(self, estimate: Estimate, until: int, records: list[tuple[int, Record]]) -> Filtered:
         """Filter on with records."""
 
