@@ -1,4 +1,4 @@
-"""``fgplan bench intermittent``: plans of teams of two, three and four robots to their next meeting.
+"""``fgplan bench intermittent``: plans of teams of two, three and four robots to a meeting.
 
 Starts, start times and covariances are drawn anew for every plan, in the scene of Khodayi-mehr et
 al. 2019, section IV. ``met_first_try`` is the share of plans whose tree holds a meeting (connected

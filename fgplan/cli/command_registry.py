@@ -81,6 +81,30 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
         "fgplan.reproduce.kantaros_convergence.command:run",
         "how often the optimal path is in the tree, against bound (7) of Kantaros et al. 2019",
     ),
+    "khodayi-mehr-table1": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_table1.command:run",
+        "Table I of Khodayi-mehr et al. 2019: intermittent connection against two baselines",
+    ),
+    "khodayi-mehr-fig5": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig5",
+        "figure 5 of Khodayi-mehr et al. 2019: two graphs of teams",
+    ),
+    "khodayi-mehr-fig6": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig6",
+        "figure 6 of Khodayi-mehr et al. 2019: what team 2 knows",
+    ),
+    "khodayi-mehr-fig7": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig7",
+        "figure 7 of Khodayi-mehr et al. 2019: delays of team 2",
+    ),
+    "khodayi-mehr-fig8": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig8",
+        "figure 8 of Khodayi-mehr et al. 2019: paths to two meetings, and a film",
+    ),
+    "khodayi-mehr-fig9": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig9",
+        "figure 9 of Khodayi-mehr et al. 2019: three methods over time",
+    ),
 }
 
 REGISTRY: dict[str, dict[str, RegisteredCommand]] = {

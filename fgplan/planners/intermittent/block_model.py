@@ -109,6 +109,17 @@ class BlockModel:
         metric = METRICS[self.metric]
         return np.array([block_uncertainty(block, metric) for block in covariance])
 
+    def target_places(self, mean: FloatArray) -> FloatArray:
+        """Where the targets are, seen from above.
+
+        Args:
+            mean: Shape (n,).
+
+        Returns:
+            Shape (M, 2), metres.
+        """
+        return np.asarray(mean).reshape(len(self.hidden.blocks), -1)[:, :2]
+
     def observation_count(self, robot: int) -> int:
         """Number of things that a robot can measure.
 

@@ -100,6 +100,20 @@ class DenseModel:
         parts = self.parts or (slice(0, self.size),)
         return np.array([float(self._function.evaluate(whole[p, p], None)) for p in parts])
 
+    def target_places(self, mean: FloatArray) -> FloatArray:
+        """Where the parts are, seen from above; a state need not be in any place.
+
+        Args:
+            mean: Shape (n,).
+
+        Returns:
+            Shape (parts, 2), metres: the first two coordinates of parts of two or three, else
+            zero.
+        """
+        parts = self.parts or (slice(0, self.size),)
+        values = [np.asarray(mean)[part] for part in parts]
+        return np.array([v[:2] if v.size in (2, 3) else np.zeros(2) for v in values])
+
     def observation_count(self, robot: int) -> int:
         """Number of things that a robot can measure.
 

@@ -106,7 +106,9 @@ class IntermittentPlanner:
         """
         began = time.perf_counter()
         own, segment = read_options(mission.options)
-        setup, starts, estimate = mission_team(mission, own, segment, int(generator.integers(2**31)))
+        setup, starts, estimate = mission_team(
+            mission, own, segment, int(generator.integers(2**31))
+        )
         truth = expected_truth(setup.model, estimate, own.steps, len(setup.robots))
         legs = first_legs(setup, starts, estimate)
         run = run_team(setup, legs, estimate, truth, progress=progress)
@@ -282,9 +284,7 @@ def _plan_of(
             )
         )
     schedule = setup.schedule
-    meetings = [
-        record for state in run.robots for record in state.meetings if record.rank > -2
-    ]
+    meetings = [record for state in run.robots for record in state.meetings if record.rank > -2]
     meetings.sort(key=lambda record: (record.time, record.team))
     return Plan(
         planner=IntermittentPlanner.name,

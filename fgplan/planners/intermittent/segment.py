@@ -4,10 +4,10 @@ Goal set (6): (i) the communication graph of the robots' places is connected, la
 Laplacian positive; (ii) all arrive at the same time; (iii) the uncertainty of the most uncertain
 target, in the team's view when it plans, is at most delta (or each robot has travelled far enough,
 section III-B). The node of least cost wins. If none satisfies (iii), the next most uncertain
-target is tried, and so on (section IV); then (iii) is dropped; and if the tree has no connected
-simultaneous node at all, the robots go by short ways to the place that the last of them reaches
-first, and slow down so that all arrive with it. So a team always meets, and the segment says what
-failed.
+target is tried, and so on (section IV; of equally uncertain ones the nearest); then (iii) is
+dropped. If the tree has no connected simultaneous node at all, the robots go by short ways to the
+place that the last of them reaches first, and slow down so that all arrive with it. So a team
+always meets, and the segment says what failed.
 """
 
 from dataclasses import dataclass
@@ -110,14 +110,24 @@ def plan_segment(
         best = int(rows[np.argmax(grown.tree.travelled[rows].min(axis=1))])
         return _segment(grown, best, -1, -1, ("travel",), report)
     values = np.array([problem.model.uncertainties(covariance) for _, covariance in settled])
+    ranked = costs if options.choose == "cost" else values.max(axis=1)
     now = problem.model.uncertainties(grown.tree.covariance[0])
-    for rank, target in enumerate(np.argsort(-now, kind="stable").tolist()):
+    order = _by_uncertainty(problem, now)
+    for rank, target in enumerate(order):
         good = (values[:, target] <= options.delta) & np.isfinite(costs)
         if good.any():
-            best = int(rows[good][np.argmin(costs[good])])
+            best = int(rows[good][np.argmin(ranked[good])])
             return _segment(grown, best, target, rank, (), report)
-    best = int(rows[np.argmin(values[:, int(np.argmax(now))])])
+    best = int(rows[np.argmin(values[:, order[0]])])
     return _segment(grown, best, -1, -1, ("uncertainty",), report)
+
+
+def _by_uncertainty(problem: SegmentProblem, now: FloatArray) -> list[int]:
+    """Targets, the most uncertain first; among equals (all, at first) the nearest to the team."""
+    places = problem.model.target_places(problem.estimate.mean)
+    far = np.hypot(*(places - problem.starts.mean(axis=0)).T)
+    scale = float(now.max()) or 1.0
+    return [int(target) for target in np.lexsort((far, -np.round(now / scale, 9)))]
 
 
 def grow_tree(

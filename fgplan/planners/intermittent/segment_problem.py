@@ -5,6 +5,7 @@ is agreed already: starts differ in place and time. What the robots will measure
 tracks that are agreed counts towards the estimate.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -21,8 +22,13 @@ from roadmaps import Workspace
 class StateModel(Protocol):
     """What planning and estimation ask of a model: ``BlockModel`` or ``DenseModel``."""
 
-    metric: str
-    every: int
+    @property
+    def metric(self) -> str:
+        """Name of the uncertainty function."""
+
+    @property
+    def every(self) -> int:
+        """Steps between measurements."""
 
     @property
     def size(self) -> int:
@@ -34,6 +40,9 @@ class StateModel(Protocol):
     def uncertainties(self, covariance: FloatArray) -> FloatArray:
         """Uncertainty of each target."""
 
+    def target_places(self, mean: FloatArray) -> FloatArray:
+        """Where the targets are, seen from above, shape (M, 2)."""
+
     def observation_count(self, robot: int) -> int:
         """Number of things that a robot can measure."""
 
@@ -42,7 +51,9 @@ class StateModel(Protocol):
     ) -> tuple[tuple[int, tuple[float, ...]], ...]:
         """What a robot measures of the true state."""
 
-    def run(self, estimate: Estimate, until: int, records: list[tuple[int, Record]]) -> Filtered:
+    def run(
+        self, estimate: Estimate, until: int, records: Sequence[tuple[int, Record]]
+    ) -> Filtered:
         """Filter on with records."""
 
     def cost_pairs(
