@@ -58,6 +58,13 @@ def test_compiled_blocks_equal_the_dense_filter(kind, size):
         )
 
 
+def test_predicted_means_are_those_of_the_hidden_state():
+    for size in (2, 3):
+        blocks, start = block_model(1, size), estimate_of(size, time=25)
+        expected = blocks.hidden.predicted_means(start.mean, 30, 25)
+        np.testing.assert_allclose(blocks.predicted_means(start, 30), expected, rtol=1e-13)
+
+
 def test_a_filter_may_be_interrupted_anywhere():
     blocks = block_model(2)
     records = drawn_records(blocks, 20, np.random.default_rng(5))

@@ -47,7 +47,7 @@ from fgplan.viz.intermittent import film_team_run
 from roadmaps import Workspace
 
 SCENARIO = Path(__file__).parents[2] / "examples" / "scenarios" / "intermittent.toml"
-FEW = {"steps": 60, "samples": 40, "explore": 20, "step_m": 0.3, "epsilon_m": 0.9}
+FEW = {"steps": 40, "samples": 40, "explore": 20, "step_m": 0.5, "epsilon_m": 1.0}
 
 
 def short_mission(**changes):
@@ -72,7 +72,7 @@ def test_a_scenario_names_the_planner_and_gets_a_plan_with_meetings():
         np.testing.assert_allclose(met, meeting["places"], rtol=1e-12)
         assert np.linalg.norm(met[0] - met[1]) <= 0.3 + 1e-9
     for way in places.values():
-        assert np.hypot(*np.diff(way, axis=0).T).max() <= 0.3 + 1e-9
+        assert np.hypot(*np.diff(way, axis=0).T).max() <= 0.5 + 1e-9
         assert mission.workspace.are_motions_valid(way[:-1], way[1:]).all()
     assert plan.value == pytest.approx(sum(plan.details["uncertainty"]), rel=1e-12)
 
@@ -81,7 +81,7 @@ def test_own_sensors_and_other_metrics_take_the_dense_model():
     class Own(RangeSensor):
         """A user's own sensor."""
 
-    mission = short_mission(steps=12, samples=6, explore=3)
+    mission = short_mission(steps=8, samples=2, explore=1)
     own = replace(mission, sensors={"range": Own(sigma_m=0.1, max_range_m=4.0)})
     plan = IntermittentPlanner().plan(own, np.random.default_rng(0))
     assert np.shape(plan.details["target_covariance_at_end"]) == (1, 9, 9)
@@ -261,10 +261,10 @@ def test_the_scene_is_the_paper_s_in_what_the_paper_prints():
 
 
 def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path):
-    case = indoor_case("four", 0, 150)
+    case = indoor_case("four", 0, 130)
     runs = {method: run_method(case, method) for method in ("all_time", "heuristic")}
     assert runs["all_time"].team is None
-    assert all(run.error_m.shape == run.eigenvalue_m2.shape == (150,) for run in runs.values())
+    assert all(run.error_m.shape == run.eigenvalue_m2.shape == (130,) for run in runs.values())
     team = runs["heuristic"].team
     delays = [one for index in range(4) for one in team_delays(team, index)]
     assert delays
@@ -275,7 +275,7 @@ def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path)
     means, uncertainty = team_series(team, team.snapshots[-1])
     assert len(means) == len(uncertainty) == team.snapshots[-1].time
     names = case.setup.robots
-    targets = case.truth.states.reshape(151, -1, 3)[:, :, :2]
+    targets = case.truth.states.reshape(131, -1, 3)[:, :, :2]
     file = film_team_run(case.setup.workspace, team, names, targets, tmp_path / "a.gif", frames=3)
     assert file.stat().st_size > 1000
     with pytest.raises(InvalidInputError, match=r"\.gif"):

@@ -95,7 +95,16 @@ class BlockModel:
         Returns:
             Shape (steps + 1, n).
         """
-        return self.hidden.predicted_means(estimate.mean, steps, estimate.time)
+        # As ``HiddenState.predicted_means``, all targets at once.
+        transition, drift, _ = self.targets
+        means = np.empty((steps + 1, *drift.shape[1:], 1))
+        means[0] = np.asarray(estimate.mean).reshape(means.shape[1:])
+        times = np.arange(estimate.time, estimate.time + steps)
+        at = np.minimum(times, len(transition) - 1).tolist()
+        moved = drift[np.minimum(times, len(drift) - 1)][..., None]
+        for step, row in enumerate(at):
+            means[step + 1] = transition[row] @ means[step] + moved[step]
+        return means.reshape(steps + 1, -1)
 
     def uncertainties(self, covariance: FloatArray) -> FloatArray:
         """Uncertainty of each target.

@@ -11,7 +11,6 @@ from fgplan.errors import InvalidInputError
 
 Sync = Literal["slowdown", "strict", "relaxed"]
 Goal = Literal["uncertainty", "travel"]
-Choice = Literal["cost", "uncertainty"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,8 +30,6 @@ class SegmentOptions:
             travelled ``travel_m``.
         delta: Limit of the uncertainty of the most uncertain target.
         travel_m: Least way of every robot, metres.
-        choose: Which node of the goal set ends the paths: the one of least ``cost`` (section
-            III-C), or of least ``uncertainty`` of all targets at the end (line 13 of Algorithm 1).
         horizon_steps: Longest plan after the last robot's start, steps.
 
     Raises:
@@ -49,16 +46,11 @@ class SegmentOptions:
     goal: Goal = "uncertainty"
     delta: float = 0.12**2
     travel_m: float = 5.0
-    choose: Choice = "cost"
     horizon_steps: int = 400
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        for name, allowed in (
-            ("sync", get_args(Sync)),
-            ("goal", get_args(Goal)),
-            ("choose", get_args(Choice)),
-        ):
+        for name, allowed in (("sync", get_args(Sync)), ("goal", get_args(Goal))):
             if getattr(self, name) not in allowed:
                 raise InvalidInputError(
                     f"planner option {name}: expected one of {', '.join(allowed)}, got "

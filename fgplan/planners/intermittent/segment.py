@@ -110,13 +110,12 @@ def plan_segment(
         best = int(rows[np.argmax(grown.tree.travelled[rows].min(axis=1))])
         return _segment(grown, best, -1, -1, ("travel",), report)
     values = np.array([problem.model.uncertainties(covariance) for _, covariance in settled])
-    ranked = costs if options.choose == "cost" else values.max(axis=1)
     now = problem.model.uncertainties(grown.tree.covariance[0])
     order = _by_uncertainty(problem, now)
     for rank, target in enumerate(order):
         good = (values[:, target] <= options.delta) & np.isfinite(costs)
         if good.any():
-            best = int(rows[good][np.argmin(ranked[good])])
+            best = int(rows[good][np.argmin(costs[good])])
             return _segment(grown, best, target, rank, (), report)
     best = int(rows[np.argmin(values[:, order[0]])])
     return _segment(grown, best, -1, -1, ("uncertainty",), report)
