@@ -254,7 +254,8 @@ def _draw_targets(axes: "Axes", targets: FloatArray) -> None:
 def _draw_meeting(axes: "Axes", place: FloatArray, team: int) -> None:
     """A ring and the number of the team, which the paper counts from one."""
     axes.plot(*place, "o", mfc="none", mec="black", ms=13, zorder=8)
-    axes.annotate(str(team + 1), place, (9, 5), textcoords="offset points", fontsize=9, zorder=9)
+    at = (float(place[0]), float(place[1]))
+    axes.annotate(str(team + 1), at, (9, 5), textcoords="offset points", fontsize=9, zorder=9)
 
 
 def _explain(picture: MapPicture) -> None:

@@ -43,7 +43,14 @@ from fgplan.planners.intermittent.truth import draw_truth
 from fgplan.planners.registry import find_planner
 from fgplan.team.envelope import Envelope, decode_envelope
 from fgplan.team.in_process import InProcessTransport
-from fgplan.viz.intermittent import film_team_run
+from fgplan.viz.figure import save
+from fgplan.viz.intermittent import (
+    draw_delays,
+    draw_team_paths,
+    draw_team_run,
+    draw_two_series,
+    film_team_run,
+)
 from roadmaps import Workspace
 
 SCENARIO = Path(__file__).parents[2] / "examples" / "scenarios" / "intermittent.toml"
@@ -278,6 +285,21 @@ def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path)
     targets = case.truth.states.reshape(131, -1, 3)[:, :, :2]
     file = film_team_run(case.setup.workspace, team, names, targets, tmp_path / "a.gif", frames=3)
     assert file.stat().st_size > 1000
+    world, ways = case.setup.workspace, {"r12": team.positions[:50, 0]}
+    drawn = {
+        "series": draw_two_series(
+            {"one": (runs["heuristic"].error_m, runs["heuristic"].eigenvalue_m2)},
+            "error",
+            marks=[20, 40],
+            bound=30,
+        ),
+        "delays": draw_delays({"one": (np.arange(3.0), np.arange(3.0), np.ones(3))}, "delays"),
+        "paths": draw_team_paths(world, {"team 1": (ways, targets[:50])}, "paths"),
+        "run": draw_team_run(world, team, names, targets, "run", since=10),
+    }
+    for name, figure in drawn.items():
+        assert save(figure, tmp_path / f"{name}.png").stat().st_size > 1000
+        assert all(axes.lines or axes.patches for axes in figure.axes)
     with pytest.raises(InvalidInputError, match=r"\.gif"):
         film_team_run(case.setup.workspace, team, names, targets, tmp_path / "a.mp4")
 

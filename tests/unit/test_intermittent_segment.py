@@ -1,5 +1,10 @@
 """Algorithms 1, 2, 3 and 6: steering, goal set, whole paths, fallbacks."""
 
+import os
+import subprocess
+import sys
+from ast import literal_eval
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -258,6 +263,39 @@ def test_short_ways_are_free_and_end_together(seed):
         assert (np.hypot(*np.diff(places, axis=0).T) <= 0.1 + 1e-9).all()
         assert world.are_motions_valid(places[:-1], places[1:]).all()
         np.testing.assert_allclose(places[-1], end, rtol=1e-12)
+
+
+_UNCOMPILED = """
+import numpy as np
+from intermittent_scenes import block_model, segment_problem
+from fgplan.planners.intermittent.options import SegmentOptions
+from fgplan.planners.intermittent.segment import grow_tree
+problem = segment_problem(block_model(2), [(1, 1), (3, 2)], [0, 7])
+tree = grow_tree(problem, SegmentOptions(samples=25, explore=15), np.random.default_rng(0)).tree
+print(repr(tree.cost.tolist()), repr(tree.parent.tolist()))
+"""
+
+
+@pytest.mark.full
+def test_kernels_give_the_same_tree_without_the_compiler():
+    printed = []
+    for disabled in ("0", "1"):
+        done = subprocess.run(
+            [sys.executable, "-c", _UNCOMPILED],
+            env={
+                **os.environ,
+                "NUMBA_DISABLE_JIT": disabled,
+                "PYTHONPATH": os.pathsep.join(sys.path),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        printed.append(done.stdout)
+    costs = [np.array(literal_eval(text.split("] [")[0] + "]")) for text in printed]
+    # The compiler may fuse a product and a sum into one rounding.
+    np.testing.assert_allclose(costs[0], costs[1], rtol=1e-12)
+    assert printed[0].split("] [")[1] == printed[1].split("] [")[1]
 
 
 def test_algebraic_connectivity_by_hand():
