@@ -1,18 +1,17 @@
 """What one robot knows of all measurements of the team, and what it may forget.
 
-Every robot's log is known as a prefix: robot a has all measurements of robot s up to a time
-heard[a, s]. So joining what two robots know takes the longer prefix of each log, and nothing can be
-counted twice. A robot also keeps what it knows of the others' ``heard`` (a matrix clock): once all
-have everything up to a time, the measurements up to there are filtered into a checkpoint and
-dropped. The checkpoint is exactly the estimate of a filter that had all measurements at once.
+Every robot's log is known as a prefix: all measurements of robot s are here up to a time heard[s].
+So joining what two robots know takes the longer prefix of each log, and nothing can be counted
+twice. Up to t* = min_s heard[s] everything that anybody measured is here; it is filtered into a
+checkpoint and dropped. The checkpoint is exactly the estimate of a filter that had all measurements
+at once, so a robot that misses some of what was dropped loses nothing: it takes the later
+checkpoint in its place.
 
-Remark III.5 of Khodayi-mehr et al. 2019 forgets by the delay bound D: information has reached all
-teams after D epochs. That all know this takes as long again, so that memory stops growing after 2 D
-epochs here; in turn nothing is lost when meetings fail. A robot of which nothing was heard for
-longer than ``gone_after`` is not waited for; what it measured since is lost if it comes back.
+Nothing older than D epochs is kept then (Remark III.5 of Khodayi-mehr et al. 2019), and nothing is
+lost when meetings fail: they only hold t* back. A robot of which nothing was heard for longer than
+``gone_after`` does not hold it back; what it measures meanwhile is lost if it comes back.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,13 +25,13 @@ Log = tuple[Record, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Knowledge:
-    """Checkpoint, logs and who has heard what.
+    """Checkpoint and logs.
 
     Attributes:
         robot: Row of the robot whose knowledge it is.
         checkpoint: Estimate with all measurements up to its time.
         logs: Records of each robot after the checkpoint, as far as heard, in order of time.
-        heard: Time up to which robot a (row) is known to have all of robot s (column), (N, N).
+        heard: Time up to which all measurements of each robot are here, shape (N,).
         discarded: Readings that came after the checkpoint had passed them (see ``gone_after``).
     """
 
@@ -45,7 +44,7 @@ class Knowledge:
     @property
     def complete_until(self) -> int:
         """t*: the latest time up to which all measurements of all robots are here."""
-        return int(self.heard[self.robot].min())
+        return int(self.heard.min())
 
     @property
     def readings(self) -> int:
@@ -69,7 +68,7 @@ def know_nothing(robot: int, robots: int, estimate: Estimate) -> Knowledge:
     Returns:
         Empty logs.
     """
-    heard = np.full((robots, robots), estimate.time, dtype=np.int64)
+    heard = np.full(robots, estimate.time, dtype=np.int64)
     return Knowledge(robot, estimate, ((),) * robots, heard)
 
 
@@ -85,7 +84,7 @@ def remember(known: Knowledge, time: int, record: Record | None) -> Knowledge:
         After.
     """
     heard = known.heard.copy()
-    heard[known.robot, known.robot] = time
+    heard[known.robot] = time
     logs = known.logs
     if record is not None:
         own = (*logs[known.robot], record)
@@ -104,40 +103,21 @@ def join(mine: Knowledge, theirs: Knowledge) -> Knowledge:
         The robot's own, with what the teammate knew.
     """
     later = theirs.checkpoint if theirs.checkpoint.time > mine.checkpoint.time else mine.checkpoint
-    own, other = mine.heard[mine.robot], theirs.heard[theirs.robot]
+    own, other = mine.heard, theirs.heard
     logs, discarded = [], mine.discarded
     for robot in range(len(mine.logs)):
         log = theirs.logs[robot] if other[robot] > own[robot] else mine.logs[robot]
         kept = tuple(record for record in log if record.time > later.time)
-        known = max(own[robot] if later is mine.checkpoint else other[robot], 0)
+        known = own[robot] if later is mine.checkpoint else other[robot]
         discarded += sum(
             len(record.readings) for record in log if known < record.time <= later.time
         )
         logs.append(kept)
-    heard = np.maximum(mine.heard, theirs.heard)
-    heard[mine.robot] = np.maximum(own, other)
-    return Knowledge(mine.robot, later, tuple(logs), heard, discarded)
-
-
-def shared_with(known: Knowledge, present: Sequence[int], common: Sequence[int]) -> Knowledge:
-    """Note what robots that were at a meeting have in common.
-
-    Args:
-        known: After the exchange.
-        present: Rows of the robots that took part.
-        common: Time up to which all of them have each robot's measurements, shape (N,).
-
-    Returns:
-        With their rows of ``heard``.
-    """
-    heard = known.heard.copy()
-    for robot in present:
-        heard[robot] = np.maximum(heard[robot], common)
-    return replace(known, heard=heard)
+    return Knowledge(mine.robot, later, tuple(logs), np.maximum(own, other), discarded)
 
 
 def forget(known: Knowledge, model: StateModel, gone_after: float = np.inf) -> Knowledge:
-    """Filter into the checkpoint what everybody has, and drop it.
+    """Filter into the checkpoint what is complete, and drop it.
 
     Args:
         known: Before.
@@ -147,10 +127,8 @@ def forget(known: Knowledge, model: StateModel, gone_after: float = np.inf) -> K
     Returns:
         After.
     """
-    last = known.heard.max(axis=0)
-    active = last.max() - last <= gone_after
-    active[known.robot] = True
-    until = int(known.heard[np.ix_(active, active)].min())
+    active = known.heard.max() - known.heard <= gone_after
+    until = int(known.heard[active].min())
     if until <= known.checkpoint.time:
         return known
     old = [(robot, record) for robot, record in known.records() if record.time <= until]

@@ -59,7 +59,7 @@ class Known(msgspec.Struct, frozen=True):
     mean: Numbers
     covariance: Numbers
     logs: tuple[tuple[Record, ...], ...]
-    heard: tuple[tuple[Count, ...], ...]
+    heard: tuple[Count, ...]
     discarded: Count
     offers: dict[str, Offer]
 
@@ -152,7 +152,7 @@ def known_of(knowledge: Knowledge, offers: dict[str, Offer]) -> Known:
         mean=numbers_of(knowledge.checkpoint.mean),
         covariance=numbers_of(knowledge.checkpoint.covariance),
         logs=knowledge.logs,
-        heard=tuple(tuple(row) for row in knowledge.heard.tolist()),
+        heard=tuple(knowledge.heard.tolist()),
         discarded=knowledge.discarded,
         offers=offers,
     )

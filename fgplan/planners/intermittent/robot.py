@@ -5,7 +5,7 @@ leg it tells its team everything (``known``) and passes on whatever is news to i
 are connected, over several hops if need be, come to know the same. When the whole team is there
 and nobody has news (the inbox is empty), its first member plans the ways to the team's next
 meeting and hands them round (``agreed``); each filters anew from its checkpoint, late measurements
-included, forgets what all have, and leaves.
+included, drops what is complete, and leaves.
 
 A teammate that does not come is waited for until ``wait_steps`` after the agreed time: so long may
 who waits be late elsewhere. Those who are there have told each other everything by then and go on.
@@ -18,7 +18,7 @@ lost and nothing counted twice. A robot that is late takes the short way to the 
 import msgspec
 import numpy as np
 
-from fgplan.planners.intermittent.knowledge import forget, fuse, join, remember, shared_with
+from fgplan.planners.intermittent.knowledge import forget, fuse, join, remember
 from fgplan.planners.intermittent.leg import Leg, departed, departed_in_turn
 from fgplan.planners.intermittent.message import (
     Agreed,
@@ -129,15 +129,13 @@ def _enter(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
     )
     offer = Offer(state.position, tuple(leg_data(leg) for leg in others))
     state = msgspec.structs.replace(state, phase="meeting", offers={state.robot: offer})
-    return _tell(state)
+    return state, _tell(state)
 
 
-def _tell(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
-    """Tell everything it knows."""
+def _tell(state: RobotState) -> list[Outgoing]:
+    """Everything it knows."""
     content = known_of(state.knowledge, state.offers)
-    told = tuple(state.knowledge.heard[state.knowledge.robot].tolist())
-    envelope = wrap(state.robot, state.leg.team, state.leg.epoch, content)
-    return msgspec.structs.replace(state, told=told), [Outgoing(envelope)]
+    return [Outgoing(wrap(state.robot, state.leg.team, state.leg.epoch, content))]
 
 
 def _listen(state: RobotState, known: Known) -> tuple[RobotState, list[Outgoing]]:
@@ -145,11 +143,9 @@ def _listen(state: RobotState, known: Known) -> tuple[RobotState, list[Outgoing]
     before = state.knowledge
     knowledge = join(before, knowledge_of(known))
     offers = {**known.offers, **state.offers}
-    news = len(offers) > len(state.offers) or bool(
-        (knowledge.heard[knowledge.robot] > before.heard[before.robot]).any()
-    )
+    news = len(offers) > len(state.offers) or bool((knowledge.heard > before.heard).any())
     state = msgspec.structs.replace(state, knowledge=knowledge, offers=offers)
-    return _tell(state) if news else (state, [])
+    return state, _tell(state) if news else []
 
 
 def _plan(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
@@ -217,15 +213,14 @@ def _agree(
     knowledge = join(state.knowledge, knowledge_of(agreed.known))
     state = msgspec.structs.replace(state, knowledge=knowledge)
     message = Outgoing(wrap(state.robot, team, epoch, agreed))
-    common = agreed.known.heard[agreed.known.robot]
-    state = _fuse_and_forget(state, tuple(agreed.legs), common, segment)
+    state = _fuse_and_forget(state, tuple(agreed.legs), segment)
     return _depart(state, leg_of(agreed.legs[state.robot])), [message]
 
 
 def _leave_in_vain(state: RobotState) -> RobotState:
     """Go on without those who did not come."""
     setup, leg = state.setup, state.leg
-    state = _fuse_and_forget(state, tuple(state.offers), state.told, _NOT_PLANNED)
+    state = _fuse_and_forget(state, tuple(state.offers), _NOT_PLANNED)
     due, epoch = leg.due, leg.epoch
     while due == leg.due or due + setup.wait_steps < state.now:
         due, epoch = due + setup.recovery_steps, epoch + setup.schedule.period
@@ -234,17 +229,13 @@ def _leave_in_vain(state: RobotState) -> RobotState:
     return _depart(state, again)
 
 
-def _fuse_and_forget(
-    state: RobotState, present: tuple[str, ...], common: tuple[int, ...], segment: Segment
-) -> RobotState:
-    """Filter anew with all that is known, note who knows it, drop what all have."""
+def _fuse_and_forget(state: RobotState, present: tuple[str, ...], segment: Segment) -> RobotState:
+    """Filter anew with all that is known, and drop what is complete."""
     setup, leg = state.setup, state.leg
     everybody = [name for name in setup.robots if name in present]
-    rows = [setup.robots.index(name) for name in everybody]
-    knowledge = shared_with(state.knowledge, rows, common)
-    filtered = fuse(knowledge, setup.model, state.now)
-    begun = knowledge.checkpoint.time
-    knowledge = forget(knowledge, setup.model, setup.gone_after)
+    filtered = fuse(state.knowledge, setup.model, state.now)
+    begun = state.knowledge.checkpoint.time
+    knowledge = forget(state.knowledge, setup.model, setup.gone_after)
     record = MeetingRecord(
         team=leg.team,
         epoch=leg.epoch,
@@ -253,7 +244,7 @@ def _fuse_and_forget(
         present=tuple(everybody),
         complete=len(everybody) == len(_members(state)),
         complete_until=knowledge.complete_until,
-        heard=tuple(knowledge.heard[knowledge.robot].tolist()),
+        heard=tuple(knowledge.heard.tolist()),
         readings=knowledge.readings,
         checkpoint=knowledge.checkpoint.time,
         failed=segment.failed,

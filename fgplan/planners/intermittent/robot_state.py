@@ -39,7 +39,7 @@ class TeamSetup:
         wait_steps: How long after the agreed time robots wait for a teammate.
         recovery_steps: After a meeting that failed, the next one is at the same place so many
             steps later, or a multiple of it.
-        gone_after: Robots silent for longer than so many steps hold back no forgetting.
+        gone_after: Robots silent for longer than so many steps are not waited for in forgetting.
 
     Raises:
         InvalidInputError: If a number of steps is not usable.
@@ -121,7 +121,6 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True):
         fused: The way from the checkpoint to the last meeting, as fused there, and where it began.
         phase: On its way, or at the place of a meeting.
         offers: Of those present, itself included.
-        told: Time up to which it had each robot's measurements when it last told all it knew.
         meetings: What came of its meetings.
     """
 
@@ -136,7 +135,6 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True):
     fused: tuple[int, Filtered] | None = None
     phase: Phase = "moving"
     offers: dict[str, Offer] = {}
-    told: tuple[int, ...] = ()
     meetings: tuple[MeetingRecord, ...] = ()
 
     @property

@@ -306,7 +306,8 @@ def _team_run(graph: str, seed: int, steps: int) -> tuple[IndoorCase, Any, TeamR
 def _stored_bytes(case: IndoorCase, team: TeamRun) -> dict[str, int]:
     """Bytes of late measurements that one robot keeps, by form of the filter (Remark III.4)."""
     records = [record for _, record in team.robots[0].knowledge.records()]
-    return dict(stored_bytes(records, case.setup.model.size))
+    sizes = stored_bytes(records, case.setup.model.size)
+    return {str(form): count for form, count in sizes.items()}
 
 
 def _delay_curve(delays: tuple[TeamDelay, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
