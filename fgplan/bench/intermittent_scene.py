@@ -114,7 +114,7 @@ UNPRINTED: dict[str, Any] = {
     "every": 1,
     "samples": 600,
     "explore": 300,
-    "epsilon_m": 0.5,
+    "epsilon_m": 1.0,
     "horizon_steps": 400,
     "sync": "strict",
     "four_targets": FOUR_TARGETS,

@@ -60,7 +60,7 @@ def run(options: CommandOptions) -> CommandOutcome:
         ``results.cases`` and what is required of them.
     """
     steps = QUICK_STEPS if options.quick else UNPRINTED["steps"]
-    seeds = options.seed_range(10, quick=2)
+    seeds = options.seed_range(20, quick=2)
     cases: list[dict[str, Any]] = []
     for place, (targets, graph) in enumerate(GRAPHS.items()):
         runs: dict[str, list[MethodRun]] = {method: [] for method in METHODS}
