@@ -114,6 +114,9 @@ def draw_team_paths(
         draw_workspace(picture, axes, workspace)
         axes.set_title(name, fontsize=11)
         _draw_ways(axes, ways)
+        for robot, way in ways.items():
+            at = (float(way[0, 0]), float(way[0, 1]))
+            axes.annotate(robot, at, (7, 5), textcoords="offset points", fontsize=9, zorder=9)
         _draw_targets(axes, targets)
     _explain(picture)
     return picture.finish(title)
