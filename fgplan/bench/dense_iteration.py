@@ -38,7 +38,8 @@ from fgplan.threads import one_blas_thread
 
 FORMS = ("published", "information", "seen", "block")
 _ENDLESS = {"until": "budget", "iterations": 10**9, "uniform_after": "never", "expand": "node"}
-_MOST_ITERATIONS = 20_000
+_MOST_ITERATIONS = {"block": 20_000}
+"""Iterations of a part at most; dense ones keep a matrix of all targets a node, so 2,000."""
 
 
 @one_blas_thread()
@@ -75,7 +76,8 @@ def iteration_times(
         began = time.process_time()
         run(2)
         one = (time.process_time() - began) / 2
-        counts[name] = int(np.clip(part_s / one, 1, _MOST_ITERATIONS // robots))
+        most = _MOST_ITERATIONS.get(name.split("_")[1], 2_000)
+        counts[name] = int(np.clip(part_s / one, 1, max(most // robots, 1)))
     for _ in range(repeats):
         for name, (run, robots) in runs.items():
             began = time.process_time()

@@ -56,6 +56,9 @@ BENCHES: dict[str, RegisteredCommand] = {
         "fgplan.bench.distributed_aia:run",
         "an iteration of planner distributed_aia for 10 to 100 robots, and its messages",
     ),
+    "intermittent": RegisteredCommand(
+        "fgplan.bench.intermittent:run", "plans of small teams to their next meeting"
+    ),
 }
 
 REPRODUCTIONS: dict[str, RegisteredCommand] = {
@@ -93,6 +96,30 @@ REPRODUCTIONS: dict[str, RegisteredCommand] = {
     "tzes-fig4": RegisteredCommand(
         "fgplan.reproduce.tzes_fig4.command:run",
         "denser and sparser communication, figure 4 of Tzes et al. 2021",
+    ),
+    "khodayi-mehr-table1": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_table1.command:run",
+        "Table I of Khodayi-mehr et al. 2019: intermittent connection against two baselines",
+    ),
+    "khodayi-mehr-fig5": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig5",
+        "figure 5 of Khodayi-mehr et al. 2019: two graphs of teams",
+    ),
+    "khodayi-mehr-fig6": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig6",
+        "figure 6 of Khodayi-mehr et al. 2019: what team 2 knows",
+    ),
+    "khodayi-mehr-fig7": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig7",
+        "figure 7 of Khodayi-mehr et al. 2019: delays of team 2",
+    ),
+    "khodayi-mehr-fig8": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig8",
+        "figure 8 of Khodayi-mehr et al. 2019: paths to two meetings, and a film",
+    ),
+    "khodayi-mehr-fig9": RegisteredCommand(
+        "fgplan.reproduce.khodayi_mehr_figures.command:fig9",
+        "figure 9 of Khodayi-mehr et al. 2019: three methods over time",
     ),
 }
 

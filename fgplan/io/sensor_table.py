@@ -22,6 +22,7 @@ from fgplan.io.scenario import (
 )
 from fgplan.io.scenario_file import convert_table
 from fgplan.io.user_object import is_object_name, load_object
+from fgplan.models.clamped_range import ClampedRangeSensor
 from fgplan.models.position_sensor import PositionSensor
 from fgplan.models.proportional_range import ProportionalRangeSensor
 from fgplan.models.range_bearing import BearingRangeSensor, BearingSensor, RangeSensor
@@ -67,6 +68,16 @@ class ProportionalRangeTable(_ViewTable, frozen=True):
     floor_m: Positive = 0.01
 
 
+class ClampedRangeTable(_ViewTable, frozen=True):
+    """Parameters of ``kind = "clamped_range"``."""
+
+    slope: NotNegative = 0.045
+    sigma_m: float = -0.035
+    floor_m: Positive = 0.01
+    ceiling_m: Positive = 0.1
+    max_range_m: Positive = 5.0
+
+
 class PositionTable(_ViewTable, frozen=True, kw_only=True):
     """Parameters of ``kind = "position"``."""
 
@@ -86,6 +97,7 @@ _BUILT_IN: dict[str, tuple[type[Table], type[AbstractSensor]]] = {
     "bearing": (BearingTable, BearingSensor),
     "bearing_range": (BearingRangeTable, BearingRangeSensor),
     "proportional_range": (ProportionalRangeTable, ProportionalRangeSensor),
+    "clamped_range": (ClampedRangeTable, ClampedRangeSensor),
     "position": (PositionTable, PositionSensor),
 }
 _BETWEEN_ROBOTS = ("range", "bearing_range")

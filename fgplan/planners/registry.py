@@ -18,6 +18,7 @@ PLANNERS: dict[str, str] = {
     "fvi": "fgplan.planners.fvi.planner:PLANNER",
     "rig_tree": "fgplan.planners.rig_tree.planner:PLANNER",
     "dec_mcts": "fgplan.planners.dec_mcts.planner:PLANNER",
+    "intermittent": "fgplan.planners.intermittent.planner:IntermittentPlanner",
 }
 """Name to ``module:object``; more are added by ``register_planner``."""
 

@@ -1,0 +1,329 @@
+"""Planner ``intermittent``: a team whose robots can talk only when they are close.
+
+The integrated framework of Algorithm 5 (Khodayi-mehr et al. 2019) is run for a number of steps on
+what is expected: targets move as predicted and measurements are what the sensors predict, so the
+plan holds every robot's path and all meetings. Executed against a world with noise, the same
+robots (``team_run.run_team``) plan anew at each meeting with what they have measured.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from fgplan.checks import check_positive
+from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.models.hidden_state import HiddenBlock, HiddenState
+from fgplan.models.sensor import AbstractSensor
+from fgplan.paths.candidate_path import CandidatePath
+from fgplan.planners.intermittent.block_model import METRICS, BlockModel, is_block_state
+from fgplan.planners.intermittent.dense_model import DenseModel
+from fgplan.planners.intermittent.estimate import Estimate
+from fgplan.planners.intermittent.geodesic_way import geodesic_cells
+from fgplan.planners.intermittent.options import SegmentOptions
+from fgplan.planners.intermittent.robot_state import MeetingRecord, TeamSetup
+from fgplan.planners.intermittent.schedule import PeriodChoice, make_schedule
+from fgplan.planners.intermittent.segment_problem import StateModel
+from fgplan.planners.intermittent.sensor_rows import sensor_rows
+from fgplan.planners.intermittent.state_model import HiddenProcess, TargetObservation
+from fgplan.planners.intermittent.team_graph import TeamGraph, propose_teams
+from fgplan.planners.intermittent.team_run import TeamRun, first_legs, run_team
+from fgplan.planners.intermittent.truth import expected_truth
+from fgplan.planners.mission import Mission
+from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
+from fgplan.planners.planner import Progress
+from fgplan.typing import FloatArray
+from roadmaps import Workspace
+
+_KNOWN_POSE = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamOptions:
+    """Options of the planner beside those of ``SegmentOptions``.
+
+    Attributes:
+        teams: Members of each team; proposed for the robots if left out.
+        teams_per_robot: Of the proposal.
+        period: Length of the schedules: epochs ``used``, or ``degree+1``.
+        steps: Number of steps to plan.
+        step_s: Duration of a step, seconds.
+        every: Steps between measurements.
+        metric: Uncertainty function; positive.
+        wait_steps: How long robots wait for a teammate.
+        recovery_steps: From a meeting that failed to the next at the same place.
+        cell_m: Side of the cells of short ways, metres.
+    """
+
+    teams: tuple[tuple[str, ...], ...] = ()
+    teams_per_robot: int = 2
+    period: PeriodChoice = "used"
+    steps: int = 300
+    step_s: float = 1.0
+    every: int = 1
+    metric: str = "largest_eigenvalue"
+    wait_steps: int = 40
+    recovery_steps: int = 150
+    cell_m: float = 0.25
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("step_s", "cell_m"):
+            check_positive(getattr(self, name), f"planner option {name}")
+        for name in ("steps", "every"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise InvalidInputError(
+                    f"planner option {name}: expected a whole number above zero, got {value!r}"
+                )
+
+
+class IntermittentPlanner:
+    """Planner ``intermittent``; options are those of ``TeamOptions`` and ``SegmentOptions``."""
+
+    name = "intermittent"
+
+    def plan(
+        self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
+    ) -> Plan:
+        """Plan for every robot of a mission.
+
+        Args:
+            mission: Planar robots with sensors, and targets.
+            generator: Source of every random number.
+            progress: Told the steps that are planned.
+
+        Returns:
+            Paths over the steps asked for; ``details`` holds teams, schedules, meetings, the
+            delay bound and the targets' covariances by step.
+
+        Raises:
+            OptionError: If an option is not known or not usable.
+            InvalidInputError: If the mission has no targets, or robots are not planar.
+            NoCandidatePathError: If obstacles keep a team apart.
+        """
+        began = time.perf_counter()
+        own, segment = read_options(mission.options)
+        setup, starts, estimate = mission_team(
+            mission, own, segment, int(generator.integers(2**31))
+        )
+        truth = expected_truth(setup.model, estimate, own.steps, len(setup.robots))
+        legs = first_legs(setup, starts, estimate)
+        run = run_team(setup, legs, estimate, truth, progress=progress)
+        return _plan_of(mission, setup, own, run, time.perf_counter() - began)
+
+
+def read_options(given: Mapping[str, Any]) -> tuple[TeamOptions, SegmentOptions]:
+    """Options of a scenario.
+
+    Args:
+        given: By name.
+
+    Returns:
+        Of the team, and of planning a segment.
+
+    Raises:
+        OptionError: If one is not known or not usable.
+    """
+    team = [option.name for option in fields(TeamOptions)]
+    segment = [option.name for option in fields(SegmentOptions)]
+    for name in given:
+        if name not in (*team, *segment):
+            raise OptionError(
+                f"option {name!r} of planner 'intermittent': expected one of "
+                f"{', '.join(sorted((*team, *segment)))}"
+            )
+    chosen = {name: value for name, value in given.items() if name in team}
+    if "teams" in chosen:
+        chosen["teams"] = tuple(tuple(members) for members in chosen["teams"])
+    try:
+        return (
+            TeamOptions(**chosen),
+            SegmentOptions(**{name: value for name, value in given.items() if name in segment}),
+        )
+    except FgplanError as error:
+        raise OptionError(str(error)) from error
+
+
+def mission_team(
+    mission: Mission, own: TeamOptions, segment: SegmentOptions, seed: int
+) -> tuple[TeamSetup, dict[str, FloatArray], Estimate]:
+    """A mission as a team.
+
+    Args:
+        mission: Planar robots with sensors, and targets.
+        own: Options of the team.
+        segment: Options of planning.
+        seed: Of every plan.
+
+    Returns:
+        What all robots know, where each starts, and the first estimate.
+
+    Raises:
+        InvalidInputError: If the mission has no targets, or robots are not planar.
+        OptionError: If the teams or a number are not usable.
+    """
+    if not mission.targets:
+        raise InvalidInputError(
+            "mission: expected [[targets]] to gather information about, got none"
+        )
+    starts, carried = {}, []
+    for robot in mission.robots:
+        pose = mission.prior.pose(robot.start_key)
+        if np.shape(pose) != (3,):
+            raise InvalidInputError(
+                f"robot {robot.name!r}: expected a planar start pose, got shape {np.shape(pose)}"
+            )
+        starts[robot.name] = np.array(pose[:2])
+        carried.append(tuple(_sensor(mission, robot.name, name) for name in robot.sensors))
+    hidden = HiddenState(
+        tuple(
+            HiddenBlock(
+                targets=(target.name,),
+                transition=target.transition,
+                drift=target.drift,
+                process=target.process,
+            )
+            for target in mission.targets
+        )
+    )
+    names = tuple(robot.name for robot in mission.robots)
+    try:
+        graph = (
+            TeamGraph(names, own.teams) if own.teams else propose_teams(names, own.teams_per_robot)
+        )
+        schedule = make_schedule(graph, own.period)
+        model, blocks = _model(hidden, tuple(carried), mission.workspace, own)
+        setup = TeamSetup(
+            schedule=schedule,
+            model=model,
+            workspace=mission.workspace,
+            grid=geodesic_cells(mission.workspace, own.cell_m),
+            options=segment,
+            seed=seed,
+            wait_steps=own.wait_steps,
+            recovery_steps=own.recovery_steps,
+        )
+    except FgplanError as error:
+        raise OptionError(f"planner 'intermittent': {error}") from error
+    mean = np.concatenate([target.mean for target in mission.targets])
+    spreads = [np.asarray(target.covariance) for target in mission.targets]
+    covariance = np.array(spreads) if blocks else _on_diagonal(spreads)[None]
+    return setup, starts, Estimate(0, mean, covariance)
+
+
+def _sensor(mission: Mission, robot: str, name: str) -> AbstractSensor:
+    """A sensor that sees all round: these robots have no heading."""
+    if name not in mission.sensors:
+        known = ", ".join(mission.sensors) or "none"
+        raise InvalidInputError(f"robot {robot!r}: sensor {name!r} is not one of: {known}")
+    sensor = mission.sensors[name]
+    if sensor.field_of_view_rad < 2.0 * np.pi - 1e-9:
+        raise InvalidInputError(
+            f"robot {robot!r}: sensor {name!r}: expected one that sees all round, got a field of "
+            f"view of {sensor.field_of_view_rad:g} rad; robots of this planner have no heading"
+        )
+    return sensor
+
+
+def _model(
+    hidden: HiddenState,
+    carried: tuple[tuple[AbstractSensor, ...], ...],
+    workspace: Workspace,
+    own: TeamOptions,
+) -> tuple[StateModel, bool]:
+    """The compiled model where it serves, else the dense one; and which."""
+    if is_block_state(hidden) and sensor_rows(list(carried)) is not None and own.metric in METRICS:
+        return BlockModel(hidden, carried, workspace, own.metric, own.every), True
+    parts = tuple(hidden.slice_of(name) for name in hidden.targets)
+    observations = tuple(
+        tuple(TargetObservation(sensor, part) for sensor in sensors for part in parts)
+        for sensors in carried
+    )
+    process = HiddenProcess(hidden)
+    return DenseModel(process, observations, workspace, own.metric, own.every, parts), False
+
+
+def _on_diagonal(blocks: list[FloatArray]) -> FloatArray:
+    """Blocks on the diagonal of one matrix."""
+    size = sum(len(block) for block in blocks)
+    whole, at = np.zeros((size, size)), 0
+    for block in blocks:
+        whole[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return whole
+
+
+def _plan_of(
+    mission: Mission, setup: TeamSetup, own: TeamOptions, run: TeamRun, seconds: float
+) -> Plan:
+    """A run on what is expected, as a plan."""
+    goals = {robot.name: robot.goals for robot in mission.robots}
+    robots = []
+    for row, name in enumerate(setup.robots):
+        places = run.positions[:, row]
+        ways = np.diff(places, axis=0)
+        headings = np.append(np.arctan2(ways[:, 1], ways[:, 0]), 0.0)
+        headings[-1] = headings[-2]
+        poses = np.column_stack([places, headings])
+        path = CandidatePath(
+            robot=name,
+            poses=poses,
+            times_s=np.arange(len(poses), dtype=np.float64) * own.step_s,
+            motion_covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(ways), 1, 1)),
+        )
+        robots.append(
+            RobotPlan(
+                robot=name,
+                start=poses[0],
+                path=path,
+                covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(poses), 1, 1)),
+                goals=goals[name],
+            )
+        )
+    schedule = setup.schedule
+    meetings = [record for state in run.robots for record in state.meetings if record.rank > -2]
+    meetings.sort(key=lambda record: (record.time, record.team))
+    return Plan(
+        planner=IntermittentPlanner.name,
+        mission=mission.name,
+        scenario_digest=mission.digest,
+        seed=mission.seed,
+        robots=tuple(robots),
+        objective=(ObjectiveValue(0, "", float(run.everything.uncertainty.sum())),),
+        report={
+            "meetings": len(meetings),
+            "without_fallback": sum(r.rank == 0 and not r.failed for r in meetings),
+            "measurements": sum(len(record.readings) for _, record in run.records),
+        },
+        traffic={kind: asdict(counts) for kind, counts in run.traffic.kinds.items()},
+        seconds={"plan": seconds},
+        options={**asdict(own), **asdict(setup.options)},
+        details={
+            "teams": [list(team) for team in schedule.graph.teams],
+            "schedules": {name: list(schedule.sequence(name)) for name in setup.robots},
+            "period": schedule.period,
+            "delay_bound_epochs": schedule.delay_bound,
+            "meetings": [_meeting(record, setup, run) for record in meetings],
+            "targets": [target.name for target in mission.targets],
+            "uncertainty": run.everything.uncertainty.tolist(),
+            "target_means": run.everything.means.tolist(),
+            "target_covariance_at_end": run.everything.estimate.covariance.tolist(),
+        },
+    )
+
+
+def _meeting(record: MeetingRecord, setup: TeamSetup, run: TeamRun) -> dict[str, Any]:
+    """A meeting as plain data."""
+    rows = [setup.robots.index(name) for name in record.present]
+    return {
+        "team": record.team,
+        "epoch": record.epoch,
+        "step": record.time,
+        "robots": list(record.present),
+        "places": run.positions[record.time, rows].tolist(),
+        "next_plan_failed": list(record.failed),
+        "next_plan_rank": record.rank,
+    }

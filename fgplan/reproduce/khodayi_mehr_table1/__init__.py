@@ -1,0 +1,1 @@
+"""Table I of Khodayi-mehr, Kantaros and Zavlanos 2019."""
