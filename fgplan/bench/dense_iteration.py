@@ -48,6 +48,7 @@ def iteration_times(
     graph: CommunicationGraph,
     seed: int = 0,
     *,
+    near_m: float = 0.3,
     forms: Sequence[str] = FORMS,
     repeats: int = 5,
     part_s: float = 0.2,
@@ -58,6 +59,8 @@ def iteration_times(
         problem: What is planned for; robots of one kind, the targets' determinants below one limit.
         graph: Who hears whom.
         seed: Of the random numbers.
+        near_m: Distance to the target within which controls are drawn uniformly: at least a step,
+            or robots that can come no nearer stay, and groups of one configuration explode.
         forms: Those of ``FORMS`` that are measured.
         repeats: Parts of each run.
         part_s: Seconds that a part is meant to take; it has one iteration of each robot at least.
@@ -68,7 +71,7 @@ def iteration_times(
     Raises:
         InvalidInputError: If the dense references are not there: they are in the checkout only.
     """
-    runs = _runs(problem, graph, seed, forms)
+    runs = _runs(problem, graph, seed, near_m, forms)
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     counts = {}
     for name, (run, robots) in runs.items():
@@ -103,12 +106,16 @@ def ratios(times: Mapping[str, float]) -> dict[str, float]:
 
 
 def _runs(
-    problem: AcquisitionProblem, graph: CommunicationGraph, seed: int, forms: Sequence[str]
+    problem: AcquisitionProblem,
+    graph: CommunicationGraph,
+    seed: int,
+    near_m: float,
+    forms: Sequence[str],
 ) -> dict[str, tuple[Callable[[int], object], int]]:
     """By name: what does so many iterations of each of its trees, and how many trees it has."""
     robots = len(problem.robots)
-    tree = tree_options("reproduction", **_ENDLESS)
-    options = distributed_options("reproduction", **_ENDLESS)
+    tree = tree_options("reproduction", near_m=near_m, **_ENDLESS)
+    options = distributed_options("reproduction", near_m=near_m, **_ENDLESS)
     literal = distributed_options("reproduction", empty_set="literal", **_ENDLESS)
     prepared = prepare(problem, tree)
 

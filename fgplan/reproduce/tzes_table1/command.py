@@ -251,7 +251,7 @@ def iteration_row(robots: int, targets: int, *, quick: bool) -> dict[str, float]
     degree = PUBLISHED[robots, targets].degree
     graph = CommunicationGraph.random_connected(names, degree, np.random.default_rng(0))
     times = iteration_times(
-        problem, graph, repeats=3 if quick else 5, part_s=0.02 if quick else 0.2
+        problem, graph, near_m=NEAR_M, repeats=3 if quick else 5, part_s=0.02 if quick else 0.2
     )
     named = {f"iteration_us_{key.removesuffix('_us')}": value for key, value in times.items()}
     return named | ratios(times)
