@@ -343,7 +343,7 @@ class RobotTree:
         And which of them were used for some target.
         """
         dets = np.array([one for _, one in fused])
-        counts = ~late[:, None] | (dets < dets[0])
+        counts = ~late[:, None] | (dets < dets[0] * (1.0 - 1e-9))
         others = counts.sum(axis=0) - 1
         weights = counts * ((1.0 - self.world.kappa) / np.maximum(others, 1))
         best = np.where(counts, dets, np.inf).argmin(axis=0)

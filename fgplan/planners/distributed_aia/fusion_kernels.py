@@ -18,6 +18,9 @@ from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import Dynamics, measure_row, predict_row
 from fgplan.typing import BoolArray, FloatArray
 
+CLEARLY = 1.0 - 1e-9
+"""A determinant below that share of another is less by more than rounding."""
+
 
 @njit(**UNCOUNTED)
 def predict_lag(row: FloatArray, dynamics: Dynamics, t: int, lag: int) -> None:
@@ -56,8 +59,9 @@ def fuse_rows(
         others = 0
         for d in range(count):
             det = heard[d, o] * heard[d, o + 2] - heard[d, o + 1] * heard[d, o + 1]
-            if det < own or not late[d]:
-                others += 1
+            if late[d] and not det < own * CLEARLY:
+                continue
+            others += 1
             if det < least:
                 least = det
                 best = d
@@ -71,7 +75,7 @@ def fuse_rows(
         for d in range(count):
             p, q, r = heard[d, o], heard[d, o + 1], heard[d, o + 2]
             det = p * r - q * q
-            if late[d] and not det < own:
+            if late[d] and not det < own * CLEARLY:
                 continue
             share = (kappa if d == best else small) / det
             xx += share * r
