@@ -391,7 +391,10 @@ def test_targets_are_static_unless_said(load):
         ),
         (
             edited(('kind = "bearing_range"', 'kind = "radar"')),
-            ["bearing_range, proportional_range, position or 'module:object'", "'radar'"],
+            [
+                "bearing_range, proportional_range, clamped_range, position or 'module:object'",
+                "'radar'",
+            ],
         ),
         (
             edited(('kind = "bearing_range"', "")),

@@ -374,7 +374,7 @@ def test_registry_finds_planners_by_name_and_by_module(monkeypatch):
         register_planner("mine", "a:b")
     with pytest.raises(InvalidInputError, match="expected 'module:object'"):
         register_planner("other", "a.b")
-    with pytest.raises(UnknownNameError, match=r"expected one of aia.*impacted_paths, mine"):
+    with pytest.raises(UnknownNameError, match=r"one of aia.*impacted_paths, intermittent, mine"):
         find_planner("nobody")
     with pytest.raises(UnknownNameError, match="cannot import"):
         find_planner("no_such_module:Planner")
