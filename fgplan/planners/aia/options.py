@@ -9,8 +9,8 @@ confirmation. ``pruned`` is for use: one node a visit, branch and bound, dominan
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
@@ -22,6 +22,15 @@ Expand = Literal["group", "node"]
 Near = Literal["uniform", "circle"]
 Until = Literal["first_feasible", "budget"]
 Switch = Literal["feasible", "never"]
+
+
+class _Dataclass(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
+Options = TypeVar("Options", bound=_Dataclass)
 MOST = 2**62
 """Largest number that is counted to."""
 
@@ -144,19 +153,44 @@ def tree_options(preset: str = "paper", **kwargs: Any) -> TreeOptions:  # noqa: 
     Raises:
         OptionError: If the preset or an option is not known, or a value is not usable.
     """
-    if not isinstance(preset, str) or preset not in PRESETS:
+    return preset_options(TreeOptions, PRESETS, "aia", preset, kwargs)
+
+
+def preset_options(
+    kind: type[Options],
+    presets: Mapping[str, Mapping[str, Any]],
+    planner: str,
+    preset: str,
+    changes: Mapping[str, Any],
+) -> Options:
+    """Options of a planner's preset, some changed.
+
+    Args:
+        kind: Their dataclass.
+        presets: What each preset changes of the defaults.
+        planner: Name of the planner.
+        preset: Name of the preset.
+        changes: Options by name.
+
+    Returns:
+        The options.
+
+    Raises:
+        OptionError: If the preset or an option is not known, or a value is not usable.
+    """
+    if not isinstance(preset, str) or preset not in presets:
         raise OptionError(
-            f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
+            f"planner option preset: expected one of {', '.join(presets)}, got {preset!r}"
         )
-    known = [option.name for option in fields(TreeOptions)]
-    for name in kwargs:
+    known = [option.name for option in fields(kind)]
+    for name in changes:
         if name not in known:
             raise OptionError(
-                f"option {name!r} of planner 'aia': expected one of {', '.join(known)}"
+                f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
             )
     try:
-        return replace(TreeOptions(**PRESETS[preset]), **kwargs)
-    except FgplanError as error:
+        return kind(**{**presets[preset], **changes})
+    except (FgplanError, TypeError) as error:
         raise OptionError(str(error)) from error
 
 

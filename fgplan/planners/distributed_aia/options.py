@@ -9,12 +9,20 @@ everywhere.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from fgplan.checks import check_not_negative
-from fgplan.errors import FgplanError, InvalidInputError, OptionError
-from fgplan.planners.aia.options import Expand, Near, Switch, TreeOptions, Until, check_count
+from fgplan.errors import InvalidInputError
+from fgplan.planners.aia.options import (
+    Expand,
+    Near,
+    Switch,
+    TreeOptions,
+    Until,
+    check_count,
+    preset_options,
+)
 
 EmptySet = Literal["predict", "literal"]
 ConstraintAt = Literal["one", "all"]
@@ -170,17 +178,4 @@ def distributed_options(preset: str = "reproduction", **kwargs: Any) -> Distribu
     Raises:
         OptionError: If the preset or an option is not known, or a value is not usable.
     """
-    if not isinstance(preset, str) or preset not in PRESETS:
-        raise OptionError(
-            f"planner option preset: expected one of {', '.join(PRESETS)}, got {preset!r}"
-        )
-    known = [option.name for option in fields(DistributedOptions)]
-    for name in kwargs:
-        if name not in known:
-            raise OptionError(
-                f"option {name!r} of planner 'distributed_aia': expected one of {', '.join(known)}"
-            )
-    try:
-        return replace(DistributedOptions(**PRESETS[preset]), **kwargs)
-    except (FgplanError, TypeError) as error:
-        raise OptionError(str(error)) from error
+    return preset_options(DistributedOptions, PRESETS, "distributed_aia", preset, kwargs)
