@@ -32,7 +32,8 @@ PUBLISHED_BOUNDS = {"G1": 5, "G2": 4}
 TEAM = 1
 """Team 2 of the paper."""
 
-QUICK_STEPS = 120
+QUICK_STEPS = 400
+"""By then team 2 has met in both graphs."""
 
 
 @one_blas_thread()
