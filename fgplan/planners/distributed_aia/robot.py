@@ -81,7 +81,7 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
             break
         late = False
         state = _close(_answer(_sweep(state, out), out))
-    state = _report(_close(_answer(state, out)), out)
+    state = _report(state, out)
     if state.finished:
         return replace(state, wake_s=np.inf), tuple(out)
     if asked or began or before != (state.growth.sweep, len(state.reports)):
