@@ -25,6 +25,7 @@ class Envelope(
     kw_only=True,
     dict=True,
     forbid_unknown_fields=True,
+    omit_defaults=True,
     tag="envelope.v1",
     tag_field="schema",
 ):
@@ -36,7 +37,9 @@ class Envelope(
         sequence: Its place: the turn, or whatever the protocol of the kind counts.
         kind: What the payload is.
         basis: Sequence of each robot's announcement that the writer held.
+        parent: Digest of the log that it goes on from, or empty where a kind keeps no log.
         payload: The message itself.
+        signature: The writer's, over all the rest; empty where the team does not sign.
     """
 
     robot: Name
@@ -44,7 +47,9 @@ class Envelope(
     sequence: Count
     kind: Name
     basis: dict[Name, Count] = {}
+    parent: Annotated[bytes, msgspec.Meta(max_length=64)] = b""
     payload: bytes = b""
+    signature: Annotated[bytes, msgspec.Meta(max_length=1024)] = b""
 
     @cached_property
     def encoded(self) -> bytes:
@@ -109,10 +114,12 @@ class Inbox:
     Attributes:
         now_s: Time of the transport, seconds.
         envelopes: What arrived, in order of arrival.
+        present: Teammates that the network sees now; None where it cannot tell.
     """
 
     now_s: float
     envelopes: tuple[Envelope, ...] = ()
+    present: frozenset[str] | None = None
 
 
 @dataclass(frozen=True, slots=True)

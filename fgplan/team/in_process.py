@@ -207,6 +207,9 @@ class InProcessTransport:
         """Seconds on the simulated clock."""
         return self._now_s
 
+    def present(self, robot: str) -> None:
+        """Nothing: a simulated network does not tell who is there."""
+
     def waiting(self) -> list[str]:
         """Robots for which something has arrived, in the order of the team."""
         return [robot for robot, arrived in self._arrived.items() if arrived]

@@ -54,7 +54,7 @@ def run_robots(
     due = list(current)
     while True:
         for robot in due:
-            inbox = Inbox(transport.now(), transport.receive(robot))
+            inbox = Inbox(transport.now(), transport.receive(robot), transport.present(robot))
             current[robot], outbox = step(current[robot], inbox)
             for outgoing in outbox:
                 transport.send(robot, outgoing.envelope, outgoing.to)

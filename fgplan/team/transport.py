@@ -37,6 +37,10 @@ class Transport(Protocol):
         """Seconds on the clock that time-outs count on."""
         ...
 
+    def present(self, robot: str) -> frozenset[str] | None:
+        """Teammates that the network sees now; None where it cannot tell."""
+        ...
+
 
 class SimulatedTransport(Transport, Protocol):
     """A transport whose clock is moved by whoever runs the robots."""

@@ -68,6 +68,10 @@ class Radio:
         """Seconds on the inner clock."""
         return self._inner.now()
 
+    def present(self, robot: str) -> frozenset[str] | None:
+        """Teammates that the inner transport sees now; None where it cannot tell."""
+        return self._inner.present(robot)
+
     def waiting(self) -> Sequence[str]:
         """Robots for which something has arrived."""
         return self._inner.waiting()
