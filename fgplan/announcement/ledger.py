@@ -6,7 +6,8 @@ first; the other must evaluate again. Accepted messages therefore form one seque
 from all before it, and each lowers the common objective.
 
 Round 0 is different: everybody announces with an empty basis, nobody competes, and the objective
-counts from its end.
+counts from its end. So does the opening of a robot that comes late, or comes back after its path
+was withdrawn: the objective counts anew from there.
 
 A ledger is a value: ``accept`` returns a new one.
 """
@@ -167,7 +168,7 @@ class Ledger:
             raise StaleAnnouncementError(
                 f"{name}: sequence: expected more than {held.sequence}, which is accepted"
             )
-        if not message.basis and held is not None:
+        if not message.basis and isinstance(held, Announcement):
             raise StaleAnnouncementError(
                 f"{name}: basis: empty, but round 0 is over for this robot; evaluate again"
             )

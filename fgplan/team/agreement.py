@@ -1,12 +1,17 @@
 """What a team has agreed on, and what it cost."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from fgplan.announcement.ledger import Ledger
+from fgplan.announcement.announcement import Announcement
+from fgplan.announcement.ledger import RISE_TOLERANCE, Ledger
+from fgplan.errors import StaleAnnouncementError
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.team.envelope import TrafficByKind
+from fgplan.team.options import CoordinationOptions
+from fgplan.team.report import RobotReport
 from fgplan.team.robot_state import TurnRecord
 
 
@@ -56,3 +61,91 @@ class Agreement:
     def evaluations(self) -> int:
         """Turns on which candidates were evaluated."""
         return sum(record.decision is not None for record in self.records)
+
+
+def agreement_of(
+    reports: Sequence[RobotReport],
+    options: CoordinationOptions,
+    *,
+    traffic: TrafficByKind,
+    clock_s: float,
+    seconds: Mapping[str, float],
+    evaluator_states: Mapping[str, Any] | None = None,
+) -> Agreement:
+    """Gather what the robots hold at the end.
+
+    Args:
+        reports: Of each robot that is still there, in the order of the team.
+        options: How the team came to agree.
+        traffic: Messages and bytes by kind.
+        clock_s: Seconds that it took on the transport's clock.
+        seconds: Real seconds by stage.
+        evaluator_states: Last state of the evaluator of each robot, where it is at hand.
+
+    Returns:
+        What was agreed.
+
+    Raises:
+        StaleAnnouncementError: If robots that have finished hold different ledgers.
+    """
+    furthest = max(reports, key=lambda report: report.turn)
+    ledger = furthest.ledger
+    finished = all(report.finished for report in reports)
+    warnings = []
+    for report in reports:
+        if finished and report.ledger.basis() != ledger.basis():
+            raise StaleAnnouncementError(
+                f"robot {report.robot!r}: ended with {report.ledger.basis()}, others with "
+                f"{ledger.basis()}; the robots were not given the same options"
+            )
+        if not report.candidates:
+            warnings.append(f"robot {report.robot!r} has no candidate path and stays at its start")
+        if report.lost:
+            warnings.append(f"robot {report.robot!r} ended without {', '.join(report.lost)}")
+    agreed = finished and furthest.agreed
+    if not finished:
+        warnings.append(f"no agreement within {options.time_limit_s:g} s of the transport's clock")
+    elif not agreed:
+        warnings.append(f"no agreement within {options.max_turns} turns")
+    rises = _rises(ledger, furthest.first_value)
+    if rises:
+        warnings.append(
+            f"the common objective rose {rises} times: robots announced without a basis, or the "
+            "evaluator is not exact"
+        )
+    order = {robot: place for place, robot in enumerate(ledger.order)}
+    records = sorted(
+        (record for report in reports for record in report.records),
+        key=lambda record: (record.turn, order[record.robot]),
+    )
+    values = [item.value for item in ledger.history if item.value is not None]
+    first = math.nan if furthest.first_value is None else furthest.first_value
+    return Agreement(
+        agreed=agreed,
+        ledger=ledger,
+        paths=ledger.paths(),
+        chosen={report.robot: report.chosen for report in reports if report.chosen is not None},
+        values=(first, *values),
+        turns=furthest.turn - 1,
+        records=tuple(records),
+        stale=furthest.stale,
+        traffic=traffic,
+        clock_s=clock_s,
+        seconds=seconds,
+        warnings=tuple(warnings),
+        evaluator_states=evaluator_states or {},
+    )
+
+
+def _rises(ledger: Ledger, first_value: float | None) -> int:
+    """How often the objective rose; late openings and withdrawals make it count anew."""
+    rises, before, opened = 0, first_value, False
+    for message in ledger.messages:
+        value = message.value if isinstance(message, Announcement) else None
+        if value is None:
+            before = None if opened else before
+            continue
+        opened = True
+        rises += before is not None and value > before + RISE_TOLERANCE * abs(before)
+        before = value
+    return rises

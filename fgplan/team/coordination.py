@@ -2,25 +2,24 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from typing import Any
-
-import numpy as np
 
 from fgplan.announcement.announcement import Sender, goal_of
 from fgplan.announcement.term_data import terms_of
-from fgplan.errors import InvalidInputError, StaleAnnouncementError, UnknownNameError
+from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.evaluation.evaluations import AbstractEvaluator
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.evaluation.registry import INEXACT, find_evaluator
 from fgplan.paths.candidate_path import CandidatePath
-from fgplan.team.agreement import Agreement
+from fgplan.team.agreement import Agreement, agreement_of
 from fgplan.team.envelope import Inbox, Outbox
 from fgplan.team.in_process import InProcessTransport
 from fgplan.team.loop import run_robots
 from fgplan.team.options import CoordinationOptions
+from fgplan.team.report import report_of
 from fgplan.team.robot import step
-from fgplan.team.robot_state import RobotSetup, RobotState, TurnRecord, start_robot
+from fgplan.team.robot_setup import RobotSetup
+from fgplan.team.robot_state import RobotState, TurnRecord, start_robot
 from fgplan.team.transport import SimulatedTransport
 from fgplan.typing import ArrayLike
 
@@ -165,7 +164,21 @@ def coordinate(
     opened_s = network.now()
     limit_s = opened_s + chosen.time_limit_s
     states = run_robots(states, following, network, time_limit_s=limit_s)
-    return _agreement(states, network, chosen, opened_s, start_s, began)
+    evaluated_s = sum(r.decision.seconds for s in states.values() for r in s.records if r.decision)
+    return agreement_of(
+        [report_of(state) for state in states.values()],
+        chosen,
+        traffic=network.traffic.copy(),
+        clock_s=network.now() - opened_s,
+        seconds={
+            "start": start_s,
+            "evaluation": evaluated_s,
+            "coordination": time.perf_counter() - began - start_s - evaluated_s,
+        },
+        evaluator_states={
+            r: s.evaluator_state for r, s in states.items() if s.evaluator_state is not None
+        },
+    )
 
 
 def _reporting(
@@ -181,67 +194,3 @@ def _reporting(
         return after, outbox
 
     return reporting
-
-
-def _agreement(
-    states: Mapping[str, RobotState],
-    transport: SimulatedTransport,
-    options: CoordinationOptions,
-    opened_s: float,
-    start_s: float,
-    began: float,
-) -> Agreement:
-    """Gather what the robots hold."""
-    furthest = max(states.values(), key=lambda state: state.turn)
-    ledger = furthest.ledger
-    finished = all(state.finished for state in states.values())
-    warnings = []
-    for robot, state in states.items():
-        if finished and state.ledger.basis() != ledger.basis():
-            raise StaleAnnouncementError(
-                f"robot {robot!r}: ended with {state.ledger.basis()}, others with "
-                f"{ledger.basis()}; the robots were not given the same options"
-            )
-        if not state.setup.candidates:
-            warnings.append(f"robot {robot!r} has no candidate path and stays at its start")
-    agreed = finished and furthest.agreed
-    if not finished:
-        warnings.append(f"no agreement within {options.time_limit_s:g} s of the transport's clock")
-    elif not agreed:
-        warnings.append(f"no agreement within {options.max_turns} turns")
-    first = furthest.first_value
-    values = [np.nan if first is None else first]
-    values += [item.value for item in ledger.history if item.value is not None]
-    rises = sum(after > before + 1e-9 * abs(before) for before, after in pairwise(values))
-    if rises:
-        warnings.append(
-            f"the common objective rose {rises} times: robots announced without a basis, or the "
-            "evaluator is not exact"
-        )
-    order = {robot: place for place, robot in enumerate(states)}
-    records = sorted(
-        (record for state in states.values() for record in state.records),
-        key=lambda record: (record.turn, order[record.robot]),
-    )
-    evaluation_s = sum(record.decision.seconds for record in records if record.decision)
-    return Agreement(
-        agreed=agreed,
-        ledger=ledger,
-        paths=ledger.paths(),
-        chosen={r: s.incumbent for r, s in states.items() if s.incumbent is not None},
-        values=tuple(values),
-        turns=furthest.turn - 1,
-        records=tuple(records),
-        stale=furthest.stale,
-        traffic=transport.traffic.copy(),
-        clock_s=transport.now() - opened_s,
-        seconds={
-            "start": start_s,
-            "evaluation": evaluation_s,
-            "coordination": time.perf_counter() - began - start_s - evaluation_s,
-        },
-        warnings=tuple(warnings),
-        evaluator_states={
-            r: s.evaluator_state for r, s in states.items() if s.evaluator_state is not None
-        },
-    )

@@ -1,109 +1,150 @@
-"""What a robot writes on its turn: an announcement, or a refusal.
+"""What a robot writes on its turn: an opening, an announcement, a withdrawal or a refusal.
 
-It evaluates only if somebody else has announced since its last evaluation; otherwise it knows the
-answer and refuses at once.
+It evaluates only if somebody else's path has changed since its last evaluation; otherwise it knows
+the answer and refuses at once.
 """
 
 import msgspec
 import numpy as np
 
-from fgplan.announcement.announcement import Message, Withdrawal, announcement_of
+from fgplan.announcement.announcement import (
+    Announcement,
+    Message,
+    Withdrawal,
+    announcement_of,
+)
 from fgplan.team.decision import Decision, decide
 from fgplan.team.envelope import Envelope
+from fgplan.team.known_logs import take_in
 from fgplan.team.refusal import Refusal
 from fgplan.team.robot_state import RobotState, TurnRecord
 
 
-def write_entry(state: RobotState) -> tuple[RobotState, Envelope]:
-    """Write this robot's entry of the open turn.
+def write_entry(state: RobotState, turn: int) -> tuple[RobotState, Envelope]:
+    """Write this robot's entry of a turn.
 
     Args:
         state: The robot, on a turn of its own.
+        turn: Number of the turn: the open one, or a later one if those between are of lost robots.
 
     Returns:
-        The robot with the entry in its open turn, and the entry to send.
+        The robot with the entry in its log, and the entry to send.
 
     Raises:
         NoCandidatePathError: If no candidate has a finite value.
         InvalidInputError: If the evaluator gives no finite value for the announced path.
     """
-    if state.turn == 0:
-        return _open(state)
-    setup, basis = state.setup, state.ledger.basis()
-    decision = None
-    others = {robot: number for robot, number in basis.items() if robot != setup.robot}
-    if state.incumbent is not None and others != state.evaluated:
-        prepared, decision = decide(
-            setup.evaluator,
-            state.evaluator_state,
-            state.ledger.paths(without=setup.robot),
-            state.incumbent,
-            robot=setup.robot,
-            tolerance=setup.options.tolerance,
-            choose=setup.options.choose,
-        )
-        state = msgspec.structs.replace(state, evaluator_state=prepared, evaluated=others)
-    if decision is None or not decision.improves:
-        refusal = Refusal(None if decision is None else decision.incumbent_value)
-        return _written(state, "refusal", refusal, basis, decision)
-    # A number that no ledger of this session has seen: one that lost is not used again.
-    used = 0 if state.proposed is None else state.proposed[0]
-    sequence = max(state.ledger.next_sequence(setup.robot), used + 1)
-    announcement = announcement_of(
-        setup.candidates[decision.index],
-        sequence=sequence,
-        basis=basis,
-        sender=setup.sender,
-        value=decision.value,
-        incumbent_value=decision.incumbent_value,
+    setup = state.setup
+    held = state.ledger.current.get(setup.robot)
+    if held is None or (isinstance(held, Withdrawal) and setup.candidates):
+        return _open(state, turn)
+    for robot in due_withdrawals(state):
+        lost_s = f"not heard of for {setup.options.drop_after_s:g} s"
+        return _written(state, turn, _withdrawal(state, robot, lost_s))
+    if not isinstance(held, Announcement):
+        return _written(state, turn, Refusal())
+    incumbent = state.incumbent
+    if incumbent is None:
+        reason = "announced before a restart, and not a candidate any more"
+        return _written(state, turn, _withdrawal(state, setup.robot, reason))
+    others = {robot: m for robot, m in state.ledger.current.items() if robot != setup.robot}
+    if (others, incumbent) == state.evaluated:
+        return _written(state, turn, Refusal())
+    prepared, decision = decide(
+        setup.evaluator,
+        state.evaluator_state,
+        state.ledger.paths(without=setup.robot),
+        incumbent,
+        robot=setup.robot,
+        tolerance=setup.options.tolerance,
+        choose=setup.options.choose,
     )
-    state = msgspec.structs.replace(state, proposed=(sequence, decision.index))
-    return _written(state, "announcement", announcement, basis, decision)
+    best = decision.index if decision.improves else incumbent
+    state = msgspec.structs.replace(state, evaluator_state=prepared, evaluated=(others, best))
+    if not decision.improves:
+        return _written(state, turn, Refusal(decision.incumbent_value), decision)
+    return _announce(state, turn, best, decision)
 
 
-def _open(state: RobotState) -> tuple[RobotState, Envelope]:
-    """Round 0: announce the shortest candidate, or say that there is none."""
+def due_withdrawals(state: RobotState) -> tuple[str, ...]:
+    """Teammates that have been lost for so long that their paths are to be withdrawn.
+
+    Args:
+        state: The robot.
+
+    Returns:
+        Those whose paths the ledger holds, in the order of the team.
+    """
+    gone = state.presence.lost(state.setup.options.drop_after_s)
+    held = state.ledger.current
+    return tuple(
+        r for r in state.setup.robots if r in gone and isinstance(held.get(r), Announcement)
+    )
+
+
+def _open(state: RobotState, turn: int) -> tuple[RobotState, Envelope]:
+    """First entry: announce the shortest candidate, or say that there is none."""
     setup = state.setup
     if not setup.candidates:
-        withdrawal = Withdrawal(
-            robot=setup.robot,
-            session=setup.sender.session,
-            sequence=1,
-            basis={},
-            prior_digest=setup.sender.prior_digest,
-            by=setup.robot,
-            reason="no candidate path: it stays at its start",
-        )
-        return _written(state, "withdrawal", withdrawal, {}, None)
+        reason = "no candidate path: it stays at its start"
+        return _written(state, turn, _withdrawal(state, setup.robot, reason))
     index = int(np.argmin([path.length_m for path in setup.candidates]))
+    return _announce(state, turn, index, None)
+
+
+def _announce(
+    state: RobotState, turn: int, index: int, decision: Decision | None
+) -> tuple[RobotState, Envelope]:
+    """Announce a candidate; without a decision as an opening, whose basis is empty."""
+    setup = state.setup
+    # A number that no ledger of this session has seen: one that lost is not used again.
+    used = max(state.proposed, default=0)
+    sequence = max(state.ledger.next_sequence(setup.robot), used + 1)
     announcement = announcement_of(
-        setup.candidates[index], sequence=1, basis={}, sender=setup.sender
+        setup.candidates[index],
+        sequence=sequence,
+        basis=state.ledger.basis() if decision else {},
+        sender=setup.sender,
+        value=decision.value if decision else None,
+        incumbent_value=decision.incumbent_value if decision else None,
     )
-    state = msgspec.structs.replace(state, proposed=(1, index))
-    return _written(state, "announcement", announcement, {}, None)
+    state = msgspec.structs.replace(state, proposed={**state.proposed, sequence: index})
+    return _written(state, turn, announcement, decision)
+
+
+def _withdrawal(state: RobotState, robot: str, reason: str) -> Withdrawal:
+    """Withdraw a path, or say that there never was one."""
+    setup, ledger = state.setup, state.ledger
+    return Withdrawal(
+        robot=robot,
+        session=setup.sender.session,
+        sequence=ledger.next_sequence(robot),
+        basis=ledger.basis() if robot in ledger.current else {},
+        prior_digest=setup.sender.prior_digest,
+        by=setup.robot,
+        reason=reason,
+    )
 
 
 def _written(
-    state: RobotState,
-    kind: str,
-    content: Message | Refusal,
-    basis: dict[str, int],
-    decision: Decision | None,
+    state: RobotState, turn: int, content: Message | Refusal, decision: Decision | None = None
 ) -> tuple[RobotState, Envelope]:
-    """Wrap an entry, put it into the open turn and note it."""
-    robot = state.setup.robot
+    """Wrap an entry, put it into the log and note it."""
+    setup, kind = state.setup, type(content).__name__.lower()
     envelope = Envelope(
-        robot=robot,
-        session=state.setup.options.session,
-        sequence=state.turn,
+        robot=setup.robot,
+        session=setup.options.session,
+        sequence=turn,
         kind=kind,
-        basis=basis,
+        basis=state.ledger.basis(),
+        parent=state.log.head,
         payload=content.encoded,
     ).keep(content)
     record = TurnRecord(
-        turn=state.turn, robot=robot, announced=kind == "announcement", decision=decision
+        turn=turn, robot=setup.robot, announced=kind == "announcement", decision=decision
     )
-    written = {**state.written, robot: envelope}
     return msgspec.structs.replace(
-        state, written=written, records=(*state.records, record)
+        state,
+        logs=take_in(state.logs, setup, envelope),
+        records=(*state.records, record),
     ), envelope

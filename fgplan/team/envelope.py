@@ -4,6 +4,7 @@ The envelope says who sends what, in which planning session, at which place, com
 The payload is the planner's own; a transport never looks inside.
 """
 
+import hashlib
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -60,6 +61,18 @@ class Envelope(
     def byte_size(self) -> int:
         """Bytes on the wire."""
         return len(self.encoded)
+
+    @cached_property
+    def signed_part(self) -> bytes:
+        """What the signature is over: all but itself, as msgpack."""
+        if not self.signature:
+            return self.encoded
+        return msgspec.msgpack.encode(msgspec.structs.replace(self, signature=b""))
+
+    @cached_property
+    def digest(self) -> bytes:
+        """What it is known by: 16 bytes of BLAKE2b over all but the signature."""
+        return hashlib.blake2b(self.signed_part, digest_size=16).digest()
 
     @property
     def content(self) -> Any:  # noqa: ANN401 - the payload is the planner's

@@ -1,5 +1,6 @@
 """How a team comes to agree: order of turns, tolerance, what to do where something is missing."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +28,10 @@ class CoordinationOptions:
         without_path: A robot without a candidate path is an error, or it stays at its start.
         max_turns: Turns after which the team gives up.
         repair_after_s: Seconds of silence after which a robot asks for what it misses.
+        lost_after_s: A robot that has not been heard of for so many seconds counts as lost: the
+            others take their turns without it until it is back. Infinite: they wait for it.
+        drop_after_s: Seconds after which the path of a lost robot is withdrawn. Infinite: it is
+            kept.
         time_limit_s: Seconds on the transport's clock after which the team gives up.
         session: Number of the planning session; a new one where a transport is used again, so that
             late copies of old messages are known for what they are.
@@ -42,6 +47,8 @@ class CoordinationOptions:
     without_path: WithoutPath = "refuse"
     max_turns: int = 10_000
     repair_after_s: float = 1.0
+    lost_after_s: float = math.inf
+    drop_after_s: float = math.inf
     time_limit_s: float = 3600.0
     session: int = 0
 
@@ -61,6 +68,21 @@ class CoordinationOptions:
         check_positive(self.max_turns, "coordination max_turns")
         check_positive(self.repair_after_s, "coordination repair_after_s")
         check_positive(self.time_limit_s, "coordination time_limit_s")
+        if not self.lost_after_s >= 4.0 * self.repair_after_s:
+            raise InvalidInputError(
+                "coordination lost_after_s: expected at least four times repair_after_s = "
+                f"{self.repair_after_s:g}, got {self.lost_after_s!r}"
+            )
+        if not self.drop_after_s >= self.lost_after_s:
+            raise InvalidInputError(
+                f"coordination drop_after_s: expected at least lost_after_s = "
+                f"{self.lost_after_s:g}, got {self.drop_after_s!r}"
+            )
+        if self.lost_after_s < math.inf and not self.turns:
+            raise InvalidInputError(
+                "coordination lost_after_s: expected infinite where all answer at the same moment; "
+                "only turns can be taken without a lost robot: turns=True"
+            )
         if self.turns and not self.use_basis:
             raise InvalidInputError(
                 "coordination use_basis: turns need no basis to be safe, but nothing is gained "

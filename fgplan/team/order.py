@@ -26,3 +26,20 @@ def round_order(
         return robots
     generator = np.random.default_rng([options.seed, options.session, number])
     return tuple(robots[place] for place in generator.permutation(len(robots)))
+
+
+def writers_of(robots: tuple[str, ...], options: CoordinationOptions, turn: int) -> tuple[str, ...]:
+    """Robots that write in a turn.
+
+    Args:
+        robots: In the order of the team.
+        options: Order, seed, session, and whether robots take turns.
+        turn: Number of the turn, from 0.
+
+    Returns:
+        All of them in round 0 and where all answer at the same moment; else one.
+    """
+    if turn == 0 or not options.turns:
+        return robots
+    number, place = divmod(turn - 1, len(robots))
+    return (round_order(robots, options, number)[place],)

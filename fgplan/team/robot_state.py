@@ -1,50 +1,22 @@
-"""What a robot knows before a planning session, and where it stands in the middle of one."""
+"""Where a robot stands in the middle of a planning session."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy as np
 
-from fgplan.announcement.announcement import Sender
+from fgplan.announcement.announcement import Announcement, Message
 from fgplan.announcement.ledger import Ledger
-from fgplan.announcement.term_data import TermData
 from fgplan.errors import NoCandidatePathError
-from fgplan.evaluation.evaluations import AbstractEvaluator
-from fgplan.evaluation.problem import PlanningProblem
 from fgplan.paths.candidate_path import CandidatePath
 from fgplan.team.decision import Decision
 from fgplan.team.envelope import Envelope
-from fgplan.team.options import CoordinationOptions
-from fgplan.team.order import round_order
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotSetup:
-    """What a robot knows before the session and does not change.
-
-    Attributes:
-        robot: Name.
-        robots: All names, in the order of the team.
-        problem: Prior, objective and models.
-        candidates: Its candidate paths; may be empty where it may stay.
-        evaluator: How it evaluates them.
-        options: How the team comes to agree.
-        sender: Session, prior digest, goal and terms that its messages carry.
-        expected_terms: Objective terms that each robot must announce.
-        carried: What its evaluator carries over from an earlier session, or None; only for
-            evaluators that have ``carry``.
-    """
-
-    robot: str
-    robots: tuple[str, ...]
-    problem: PlanningProblem
-    candidates: tuple[CandidatePath, ...]
-    evaluator: AbstractEvaluator
-    options: CoordinationOptions
-    sender: Sender
-    expected_terms: Mapping[str, tuple[TermData, ...]]
-    carried: Any = None
+from fgplan.team.known_logs import KnownLogs, know_nothing
+from fgplan.team.log import Log
+from fgplan.team.presence import Presence
+from fgplan.team.robot_setup import RobotSetup
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,58 +36,109 @@ class TurnRecord:
     decision: Decision | None
 
 
-class RobotState(msgspec.Struct, frozen=True, kw_only=True):
+class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A robot in the middle of a planning session; a value (a struct, because it copies fast).
 
     Attributes:
         setup: What does not change.
         evaluator_state: The evaluator's own.
-        ledger: Accepted announcements.
-        turn: Number of the turn that is open.
-        order: Order of the round that the turn is in.
-        writers: Robots that write in it.
-        written: Entries of the turn that are here, by robot.
-        ahead: Entries of later turns, by turn and robot.
-        log: Entries of closed turns.
-        refused: Robots that have refused since the last acceptance.
-        incumbent: Index of the candidate that the ledger holds, or None.
-        proposed: Sequence and index of the last announcement written.
-        evaluated: What the others had announced at the last evaluation.
-        first_value: Common objective at the end of round 0, once somebody has said it.
+        logs: Turns that it has heard of.
+        presence: Who is there.
+        proposed: Index of the candidate in each announcement that it wrote, by sequence.
+        evaluated: Messages of the others at the last evaluation, and its best candidate then.
         records: What it did on its turns.
-        stale: Announcements that lost against another with the same basis.
-        dropped: Envelopes that were not for this session or out of bounds.
-        asks: Asks sent for the open turn.
-        wake_s: When it wants to be woken; infinite once it has finished.
+        dropped: Envelopes that were not for this session.
+        asks: Statuses sent since something happened.
+        timer_s: When the next status is due.
+        wake_s: When it wants to be woken.
         finished: Whether its session has ended.
-        agreed: Whether it ended by refusals of all.
+        agreed: Whether it ended by refusals of all that are not lost.
     """
 
     setup: RobotSetup
     evaluator_state: Any
-    ledger: Ledger
-    order: tuple[str, ...]
-    writers: tuple[str, ...]
-    turn: int = 0
-    written: dict[str, Envelope] = {}
-    ahead: dict[tuple[int, str], Envelope] = {}
-    log: tuple[Envelope, ...] = ()
-    refused: frozenset[str] = frozenset()
-    incumbent: int | None = None
-    proposed: tuple[int, int] | None = None
-    evaluated: dict[str, int] | None = None
-    first_value: float | None = None
+    logs: KnownLogs
+    presence: Presence = Presence()
+    proposed: dict[int, int] = {}
+    evaluated: tuple[Mapping[str, Message], int] | None = None
     records: tuple[TurnRecord, ...] = ()
-    stale: int = 0
     dropped: int = 0
     asks: int = 0
+    timer_s: float = np.inf
     wake_s: float = 0.0
     finished: bool = False
     agreed: bool = False
 
+    @property
+    def log(self) -> Log:
+        """Its own log."""
+        return self.logs.current
+
+    @property
+    def ledger(self) -> Ledger:
+        """Accepted announcements."""
+        return self.logs.current.ledger
+
+    @property
+    def turn(self) -> int:
+        """Number of the turn that is open."""
+        return self.logs.current.turn
+
+    @property
+    def pending(self) -> Mapping[str, Envelope]:
+        """Entries of the open turn, by robot, where it belongs to everybody."""
+        return self.logs.pending
+
+    @property
+    def lost(self) -> frozenset[str]:
+        """Teammates that count as lost."""
+        return self.presence.lost(self.setup.options.lost_after_s)
+
+    @property
+    def incumbent(self) -> int | None:
+        """Index of the candidate that the ledger holds of this robot.
+
+        None where it holds none, or a path that is not among the candidates: one announced before
+        a restart, with other candidates.
+        """
+        held = self.ledger.current.get(self.setup.robot)
+        if not isinstance(held, Announcement):
+            return None
+        path, candidates = held.path(), self.setup.candidates
+        index = self.proposed.get(held.sequence)
+        if index is not None and same_path(candidates[index], path):
+            return index
+        return next((i for i, other in enumerate(candidates) if same_path(other, path)), None)
+
+
+def same_path(first: CandidatePath, second: CandidatePath) -> bool:
+    """Whether two paths are one, to the last bit.
+
+    Args:
+        first: A path.
+        second: Another, perhaps as it came over the wire.
+
+    Returns:
+        Whether poses, times, noise, vertices and planned observations are equal.
+    """
+    if first is second:
+        return True
+    return (
+        np.array_equal(first.poses, second.poses)
+        and np.array_equal(first.times_s, second.times_s)
+        and np.array_equal(first.vertices, second.vertices)
+        and np.array_equal(first.motion_covariances, second.motion_covariances)
+        and len(first.observations) == len(second.observations)
+        and all(
+            (a.step, a.landmark, a.sensor) == (b.step, b.landmark, b.sensor)
+            and np.array_equal(a.covariance, b.covariance)
+            for a, b in zip(first.observations, second.observations, strict=True)
+        )
+    )
+
 
 def start_robot(setup: RobotSetup) -> RobotState:
-    """Start a robot on a planning session.
+    """Start a robot on a planning session, or again after it had failed.
 
     Args:
         setup: What it knows.
@@ -137,17 +160,4 @@ def start_robot(setup: RobotSetup) -> RobotState:
         evaluator: Any = setup.evaluator
         known = {"carried": setup.carried} if hasattr(evaluator, "carry") else {}
         prepared = evaluator.start(setup.problem, setup.robot, setup.candidates, **known)
-    return RobotState(
-        setup=setup,
-        evaluator_state=prepared,
-        ledger=Ledger(
-            order=setup.robots,
-            session=options.session,
-            prior_digest=setup.sender.prior_digest,
-            use_basis=options.use_basis,
-            check_values=options.check_values,
-        ),
-        order=round_order(setup.robots, options, 0),
-        writers=setup.robots,
-        wake_s=options.repair_after_s,
-    )
+    return RobotState(setup=setup, evaluator_state=prepared, logs=know_nothing(setup))

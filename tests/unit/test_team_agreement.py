@@ -22,8 +22,10 @@ from fgplan.team.coordination import coordinate, set_up_team
 from fgplan.team.envelope import Envelope, Inbox, decode_envelope
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, Partition
 from fgplan.team.options import CoordinationOptions
+from fgplan.team.refusal import Refusal
 from fgplan.team.robot import step
 from fgplan.team.robot_state import start_robot
+from fgplan.team.status import decode_status
 
 
 def make_path(robot, index, length_m, steps=4):
@@ -373,12 +375,12 @@ def test_step_leaves_the_state_as_it_was():
     first, _ = two_states()
     after, outbox = step(first, Inbox(0.0))
     assert first.turn == 0
-    assert first.written == {}
-    assert set(after.written) == {"r0"}
+    assert first.pending == {}
+    assert set(after.pending) == {"r0"}
     assert [item.to for item in outbox] == [None]
     again, outbox_again = step(first, Inbox(0.0))
     assert outbox_again[0].envelope == outbox[0].envelope
-    assert again.written == after.written
+    assert again.pending == after.pending
 
 
 def test_foreign_envelopes_are_dropped_and_counted():
@@ -386,9 +388,9 @@ def test_foreign_envelopes_are_dropped_and_counted():
     _, (opening,) = step(second, Inbox(0.0))
     foreign = msgspec.structs.replace(opening.envelope, session=7)
     stranger = msgspec.structs.replace(opening.envelope, robot="ghost")
-    ask = Envelope(robot="ghost", session=0, sequence=0, kind="ask")
+    ask = Envelope(robot="ghost", session=0, sequence=0, kind="status")
     after, outbox = step(first, Inbox(0.0, (foreign, stranger, ask)))
-    assert after.dropped == 2
+    assert after.dropped == 3
     assert len(outbox) == 1
 
 
@@ -401,6 +403,8 @@ def test_wrong_writer_kind_basis_prior_and_objective_are_errors():
         ({"kind": "gossip"}, InvalidInputError, "turn 0 of robot 'r1': kind"),
         ({"payload": b"\x81"}, InvalidInputError, "message of robot 'r1'"),
         ({"payload": own.envelope.payload}, InvalidInputError, "expected those of the envelope"),
+        ({"kind": "withdrawal"}, InvalidInputError, "kind: expected what the envelope says"),
+        ({"sequence": 1}, InvalidInputError, "expected an entry of turn 0"),
     ):
         wrong = msgspec.structs.replace(received, **change)
         with pytest.raises(error, match=words):
@@ -417,7 +421,14 @@ def test_wrong_writer_kind_basis_prior_and_objective_are_errors():
             step(first, Inbox(0.0, (wrong,)))
     joined, _ = step(first, Inbox(0.0, (received,)))
     assert joined.turn == 2  # round 0 and its own turn are over
-    refusal = Envelope(robot="r1", session=0, sequence=2, kind="refusal", basis={"r0": 9, "r1": 1})
+    refusal = Envelope(
+        robot="r1",
+        session=0,
+        sequence=2,
+        kind="refusal",
+        basis={"r0": 9, "r1": 1},
+        parent=joined.log.head,
+    )
     bad = msgspec.structs.replace(refusal, payload=b"\x80")  # no schema
     with pytest.raises(InvalidInputError, match="refusal of robot 'r1'"):
         step(joined, Inbox(0.0, (bad,)))
@@ -435,8 +446,15 @@ def test_entry_of_a_robot_whose_turn_it_is_not_is_an_error():
     states = [start_robot(setup) for setup in setups.values()]
     openings = [step(state, Inbox(0.0))[1][0].envelope for state in states]
     waiting, _ = step(states[2], Inbox(0.0, tuple(openings[:2])))
-    assert waiting.writers == ("r0",)
-    wrong = Envelope(robot="r1", session=0, sequence=1, kind="refusal")
+    assert (waiting.turn, waiting.pending) == (1, {})
+    wrong = Envelope(
+        robot="r1",
+        session=0,
+        sequence=1,
+        kind="refusal",
+        parent=waiting.log.head,
+        payload=Refusal().encoded,
+    )
     with pytest.raises(InvalidInputError, match="expected entries of r0, got one of robot 'r1'"):
         step(waiting, Inbox(0.0, (wrong,)))
 
@@ -448,7 +466,8 @@ def test_silence_is_asked_about_and_answered():
     quiet, outbox = step(first, Inbox(0.5))
     assert outbox == ()
     asking, (ask,) = step(quiet, Inbox(1.0))
-    assert (ask.envelope.kind, ask.to, ask.envelope.sequence) == ("ask", "r1", 0)
+    assert (ask.envelope.kind, ask.to, ask.envelope.sequence) == ("status", None, 0)
+    assert decode_status(ask.envelope).ask == "r1"
     assert asking.wake_s == 3.0
     _, (answer,) = step(second, Inbox(0.9, (ask.envelope,)))
     assert answer.to == "r0"
@@ -464,6 +483,9 @@ def test_options_refuse_what_makes_no_sense():
         ({"tolerance": -1.0}, "tolerance"),
         ({"max_turns": 0}, "max_turns"),
         ({"use_basis": False}, "use_basis"),
+        ({"lost_after_s": 3.9}, "lost_after_s: expected at least four times"),
+        ({"lost_after_s": 4.0, "turns": False}, "lost_after_s: expected infinite"),
+        ({"drop_after_s": 4.0}, "drop_after_s: expected at least lost_after_s"),
     ):
         with pytest.raises(InvalidInputError, match=words):
             CoordinationOptions(**options)
