@@ -13,7 +13,7 @@ from fgplan.errors import FgplanError, InvalidInputError
 from fgplan.team.content import content_of
 from fgplan.team.envelope import Envelope
 from fgplan.team.log import Log, closed, empty_log, head_after
-from fgplan.team.order import writers_of
+from fgplan.team.order import most_passed, writers_of
 from fgplan.team.robot_setup import RobotSetup
 
 WAITING_LIMIT = 4096
@@ -192,7 +192,7 @@ def _open_as(logs: KnownLogs, setup: RobotSetup, envelope: Envelope) -> KnownLog
 def _check_writer(log: Log, setup: RobotSetup, envelope: Envelope) -> None:
     """Check that it was the robot's turn, or could be: turns of lost robots are passed over."""
     turn, robots = envelope.sequence, setup.robots
-    over = 1 if turn == 0 or not setup.options.turns else len(robots)
+    over = 1 if turn == 0 or not setup.options.turns else most_passed(robots)
     if not log.turn <= turn < log.turn + over or (turn > 0) != (log.turn > 0):
         raise InvalidInputError(
             f"turn {turn} of robot {envelope.robot!r}: expected an entry of turn {log.turn}, which "

@@ -43,3 +43,15 @@ def writers_of(robots: tuple[str, ...], options: CoordinationOptions, turn: int)
         return robots
     number, place = divmod(turn - 1, len(robots))
     return (round_order(robots, options, number)[place],)
+
+
+def most_passed(robots: tuple[str, ...]) -> int:
+    """Turns among which every robot has one at least, wherever they begin.
+
+    Args:
+        robots: In the order of the team.
+
+    Returns:
+        2 R - 1: a robot may be first in a round and last in the next.
+    """
+    return 2 * len(robots) - 1

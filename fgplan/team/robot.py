@@ -25,13 +25,15 @@ import msgspec
 from fgplan.team.entry import due_withdrawals, write_entry
 from fgplan.team.envelope import Envelope, Inbox, Outbox, Outgoing
 from fgplan.team.known_logs import close_turn, take_in
-from fgplan.team.order import writers_of
+from fgplan.team.order import most_passed, writers_of
 from fgplan.team.presence import look_round
 from fgplan.team.robot_state import RobotState
 from fgplan.team.status import STATUS, answer, decode_status, status_of
 
 BACK_OFF = 3
 """Asks are at most 2^3 times ``repair_after_s`` apart."""
+BEATS = 10
+"""Signs of life while a robot is not yet lost: with a loss of 30 % one in 10^5 is taken for lost."""
 
 
 def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
@@ -71,7 +73,8 @@ def _take_in(state: RobotState, envelope: Envelope, outgoing: list[Outgoing]) ->
     if envelope.kind == STATUS:
         status = decode_status(envelope)
         outgoing += answer(setup, state.logs, envelope, status)
-        return msgspec.structs.replace(state, presence=state.presence.hear(sender))
+        heads = {**state.heads, sender: envelope.parent}
+        return msgspec.structs.replace(state, heads=heads, presence=state.presence.hear(sender))
     before = (state.log, len(state.pending))
     state = msgspec.structs.replace(state, logs=take_in(state.logs, setup, envelope))
     if sender != setup.robot and before != (state.log, len(state.pending)):
@@ -113,7 +116,7 @@ def _own_turn(state: RobotState) -> int | None:
     setup, lost = state.setup, state.lost
     if state.turn == 0 or not setup.options.turns:
         return state.turn if setup.robot not in state.pending else None
-    for turn in range(state.turn, state.turn + len(setup.robots)):
+    for turn in range(state.turn, state.turn + most_passed(setup.robots)):
         (writer,) = writers_of(setup.robots, setup.options, turn)
         if writer == setup.robot:
             return turn
@@ -127,7 +130,7 @@ def _set_timer(state: RobotState, outgoing: list[Outgoing], *, happened: bool) -
     setup, options = state.setup, state.setup.options
     now_s = state.presence.now_s or 0.0
     watchful = options.lost_after_s < math.inf
-    beat_s = options.lost_after_s / 4.0
+    beat_s = options.lost_after_s / BEATS
     must_beat = watchful and not state.presence.told
     if state.finished and not watchful:
         return msgspec.structs.replace(state, timer_s=math.inf, wake_s=math.inf)
@@ -135,8 +138,7 @@ def _set_timer(state: RobotState, outgoing: list[Outgoing], *, happened: bool) -
     if (happened and not must_beat) or math.isinf(timer_s):
         timer_s = now_s + min(options.repair_after_s, beat_s)
     elif now_s >= timer_s and setup.others:
-        idle = state.finished and not (must_beat or state.lost)
-        if not idle:
+        if must_beat or not state.at_rest:
             outgoing.append(Outgoing(status_of(setup, state.logs, ask=_whom_to_ask(state, asks))))
         asks += 1
         pause_s = options.repair_after_s * 2 ** min(asks, BACK_OFF)

@@ -44,6 +44,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         evaluator_state: The evaluator's own.
         logs: Turns that it has heard of.
         presence: Who is there.
+        heads: Head of each teammate's log, as its last status said.
         proposed: Index of the candidate in each announcement that it wrote, by sequence.
         evaluated: Messages of the others at the last evaluation, and its best candidate then.
         records: What it did on its turns.
@@ -59,6 +60,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     evaluator_state: Any
     logs: KnownLogs
     presence: Presence = Presence()
+    heads: Mapping[str, bytes] = {}
     proposed: dict[int, int] = {}
     evaluated: tuple[Mapping[str, Message], int] | None = None
     records: tuple[TurnRecord, ...] = ()
@@ -93,6 +95,12 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def lost(self) -> frozenset[str]:
         """Teammates that count as lost."""
         return self.presence.lost(self.setup.options.lost_after_s)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it has finished and knows that all others who are there hold the same log."""
+        there = [robot for robot in self.setup.others if robot not in self.lost]
+        return self.finished and all(self.heads.get(r) == self.log.head for r in there)
 
     @property
     def incumbent(self) -> int | None:

@@ -1,9 +1,8 @@
 """How far a robot has come: sign of life, question and answer in one.
 
 A status names the head of the robot's log, how good that is, and the entries of the open turn that
-it holds. Whoever is asked, and has a log that goes on from it or is preferred, sends what is
-lacking; whoever knows less asks back. Entries never change, so they are passed on as they were
-written.
+it holds. Whoever is asked sends what is lacking, or its own status if nothing is; whoever hears of
+a better log asks for it. Entries never change, so they are passed on as they were written.
 """
 
 import math
@@ -116,15 +115,16 @@ def answer(
         status: Its content.
 
     Returns:
-        Entries that the teammate lacks; or this robot's own status, asking, if it is the one who
-        lacks some; nothing to a status that asks somebody else.
+        To one that asks this robot: entries that it lacks, or this robot's own status if it lacks
+        none. To one that has a better log, unknown here: this robot's status, asking.
     """
-    if status.ask != setup.robot:
-        return []
+    asked = status.ask == setup.robot
     theirs = logs.known.get(envelope.parent)
-    if theirs is None:
-        if status.preference(envelope) > logs.current.preference:
-            return [Outgoing(status_of(setup, logs, ask=envelope.robot), envelope.robot)]
-        theirs = logs.known[b""]
-    sent = entries_for(logs, theirs, status.holds, ANSWER_LIMIT)
+    if theirs is None and status.preference(envelope) > logs.current.preference:
+        return [Outgoing(status_of(setup, logs, ask=envelope.robot), envelope.robot)]
+    if not asked:
+        return []
+    sent = entries_for(logs, theirs or logs.known[b""], status.holds, ANSWER_LIMIT)
+    if not sent:
+        return [Outgoing(status_of(setup, logs), envelope.robot)]
     return [Outgoing(entry, envelope.robot) for entry in sent]

@@ -1,0 +1,178 @@
+"""Robots that are killed, start again, come late, freeze or are parted: one ledger in the end."""
+
+import math
+
+import numpy as np
+import pytest
+from faulty_teams import Fault, FaultyTeam, can_improve, openings_of, random_faults
+from table_teams import make_team, outcome
+
+from fgplan.announcement.announcement import Withdrawal
+from fgplan.team.coordination import coordinate, set_up_team
+from fgplan.team.in_process import InProcessTransport, NetworkFaults, Partition
+from fgplan.team.options import CoordinationOptions
+from fgplan.team.replay import replay_turns
+
+DELAY = NetworkFaults(delay_s=(0.02, 0.1))
+QUIET_S = 60.0
+"""How long teams go on after the last fault."""
+SETTLED_AFTER_S = 24.0
+"""Within this time after the last fault all live robots hold one ledger: two times lost_after_s +
+drop_after_s, with a loss of 30 %."""
+
+
+def team_of(count, seed=1, **options):
+    problem, candidates, evaluator = make_team(count, seed=seed)
+    chosen = CoordinationOptions(repair_after_s=0.5, lost_after_s=4.0, time_limit_s=1e9, **options)
+    setups = set_up_team(problem, candidates, evaluator, options=chosen)
+    return problem, candidates, evaluator, setups
+
+
+def delayed(problem, faults=DELAY, seed=0):
+    return InProcessTransport(problem.robots, faults, np.random.default_rng(seed))
+
+
+def checked(team, evaluator):
+    """All that must hold once it is quiet."""
+    assert team.is_settled()
+    assert can_improve(team, evaluator, 1e-6) == []
+    state = next(iter(team.states.values()))
+    log, turns = replay_turns(team.setups, state.log.all_entries())
+    assert log.head == state.log.head
+    assert log.ledger.basis() == state.ledger.basis()
+    for turn in turns:
+        assert turn.found == turn.stated
+    return state
+
+
+def test_without_faults_it_is_what_coordinate_gives():
+    problem, candidates, evaluator, setups = team_of(4)
+    team = FaultyTeam(setups, network=delayed(problem)).run(QUIET_S)
+    agreement = coordinate(problem, candidates, evaluator)
+    state = checked(team, evaluator)
+    assert state.ledger.history == agreement.ledger.history
+    assert {n: s.incumbent for n, s in team.states.items()} == agreement.chosen
+
+
+@pytest.mark.parametrize("start_s", [0.01, 0.15, 0.4, 1.0])
+@pytest.mark.parametrize("robot", ["r0", "r1", "r3"])
+def test_killed_robot_is_passed_over_and_its_path_kept(robot, start_s):
+    problem, _, evaluator, setups = team_of(4)
+    team = FaultyTeam(setups, (Fault(robot, start_s),), delayed(problem)).run(QUIET_S)
+    state = checked(team, evaluator)
+    assert robot in state.ledger.paths()
+    assert state.lost == {robot}
+
+
+def test_killed_before_anything_arrived_it_has_no_path():
+    problem, _, evaluator, setups = team_of(3)
+    team = FaultyTeam(setups, (Fault("r1", 0.0),), delayed(problem)).run(QUIET_S)
+    assert set(checked(team, evaluator).ledger.paths()) == {"r0", "r2"}
+
+
+def test_path_of_a_lost_robot_is_dropped_after_the_stated_time():
+    problem, _, evaluator, setups = team_of(3, drop_after_s=10.0)
+    team = FaultyTeam(setups, (Fault("r1", 0.3),), delayed(problem)).run(QUIET_S)
+    state = checked(team, evaluator)
+    assert set(state.ledger.paths()) == {"r0", "r2"}
+    (gone,) = [m for m in state.ledger.messages if isinstance(m, Withdrawal)]
+    assert (gone.robot, gone.by in ("r0", "r2")) == ("r1", True)
+
+
+def test_dropped_robot_that_comes_back_opens_again():
+    problem, _, evaluator, setups = team_of(3, drop_after_s=10.0)
+    team = FaultyTeam(setups, (Fault("r1", 0.3, 30.0),), delayed(problem)).run(30.0 + QUIET_S)
+    state = checked(team, evaluator)
+    assert set(state.ledger.paths()) == {"r0", "r1", "r2"}
+    assert openings_of(state.ledger).count("r1") == 2
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+@pytest.mark.parametrize("away_s", [0.2, 3.0, 12.0])
+def test_robot_that_comes_back_joins(away_s, frozen):
+    problem, _, evaluator, setups = team_of(4)
+    fault = Fault("r2", 0.25, 0.25 + away_s, frozen=frozen)
+    team = FaultyTeam(setups, (fault,), delayed(problem)).run(away_s + QUIET_S)
+    state = checked(team, evaluator)
+    assert set(state.ledger.paths()) == set(problem.robots)
+    assert state.lost == frozenset()
+
+
+def test_late_joiner_gets_the_ledger_and_opens_on_its_turn():
+    problem, _, evaluator, setups = team_of(4)
+    team = FaultyTeam(setups, (Fault("r0", 0.0, 20.0),), delayed(problem)).run(20.0 + QUIET_S)
+    state = checked(team, evaluator)
+    assert openings_of(state.ledger) == ["r1", "r2", "r3", "r0"]
+    assert state.log.changes == 1
+
+
+def test_short_partition_changes_nothing_and_a_long_one_ends_in_one_ledger():
+    problem, candidates, evaluator, setups = team_of(4)
+    agreement = coordinate(problem, candidates, evaluator)
+    for end_s, same in ((3.5, True), (15.0, False)):
+        parted = Partition(0.12, end_s, (("r0", "r2"), ("r1", "r3")))
+        faults = NetworkFaults(delay_s=(0.02, 0.1), partitions=(parted,))
+        team = FaultyTeam(setups, network=delayed(problem, faults)).run(end_s + QUIET_S)
+        state = checked(team, evaluator)
+        assert set(state.ledger.paths()) == set(problem.robots)
+        if same:
+            assert state.ledger.history == agreement.ledger.history
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_network_that_tells_who_is_there_needs_no_signs_of_life(together):
+    problem, _, evaluator, setups = team_of(4)
+    faults = (Fault("r1", 0.3, 9.0), Fault("r3", 0.3 if together else 2.0))
+    team = FaultyTeam(setups, faults, delayed(problem), tell_presence=True).run(QUIET_S)
+    checked(team, evaluator)
+    assert set(team.states) == {"r0", "r1", "r2"}
+
+
+def check_random(seed, *, drop):
+    """A random team, random network faults, random robot faults."""
+    generator = np.random.default_rng([7, seed])
+    options = {"drop_after_s": 8.0} if drop else {}
+    count = int(generator.integers(2, 6))
+    order = "random" if seed % 3 == 0 else "fixed"
+    problem, _, evaluator, setups = team_of(count, seed=seed, order=order, **options)
+    parted = []
+    if seed % 2:
+        names = list(generator.permutation(problem.robots))
+        cut = int(generator.integers(1, count))
+        start_s = float(generator.uniform(0.0, 3.0))
+        end_s = start_s + float(generator.uniform(0.5, 12.0))
+        parted = [Partition(start_s, end_s, (tuple(names[:cut]), tuple(names[cut:])))]
+    faults = NetworkFaults(
+        loss=0.3,
+        duplication=0.2,
+        reordering=0.3,
+        delay_s=(0.0, 0.2),
+        partitions=tuple(parted),
+    )
+    network = InProcessTransport(problem.robots, faults, generator)
+    robots = random_faults(problem.robots, generator, 12.0)
+    team = FaultyTeam(setups, robots, network, tell_presence=bool(generator.integers(2)))
+    ends = [fault.end_s for fault in (*robots, *parted) if fault.end_s < math.inf]
+    last_s = max([12.0, *ends])
+    team.run(last_s + QUIET_S)
+    checked(team, evaluator)
+    assert team.settled_s < last_s + SETTLED_AFTER_S
+    return team
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_any_faults_end_in_one_ledger_that_nobody_improves(seed):
+    check_random(seed, drop=seed % 5 == 0)
+
+
+@pytest.mark.full
+def test_any_faults_many_times():
+    for seed in range(30, 1030):
+        check_random(seed, drop=seed % 5 == 0)
+
+
+def test_outcome_of_a_team_with_loss_rules_is_that_without():
+    problem, candidates, evaluator, _ = team_of(4)
+    options = CoordinationOptions(lost_after_s=4.0, drop_after_s=8.0)
+    plain = coordinate(problem, candidates, evaluator)
+    assert outcome(coordinate(problem, candidates, evaluator, options=options)) == outcome(plain)
