@@ -33,7 +33,7 @@ from fgplan.team.status import STATUS, answer, decode_status, status_of
 BACK_OFF = 3
 """Asks are at most 2^3 times ``repair_after_s`` apart."""
 BEATS = 10
-"""Signs of life while a robot is not yet lost: with a loss of 30 % one in 10^5 is taken for lost."""
+"""Signs of life until a robot counts as lost: with 30 % loss, all are lost once in 10^5 times."""
 
 
 def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
@@ -50,16 +50,20 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
         InvalidInputError: If a teammate's entry is malformed, or its prior or objective differ.
         StaleAnnouncementError: If a teammate's entry was computed from another ledger.
     """
-    before, began = (state.log, len(state.pending)), state.presence.now_s is None
+    before = state
     presence, appeared = look_round(state.presence, state.setup, inbox)
     state = msgspec.structs.replace(state, presence=presence)
     outgoing: list[Outgoing] = []
     for envelope in inbox.envelopes:
         state = _take_in(state, envelope, outgoing)
     state = _write_due(state, outgoing)
-    happened = began or before != (state.log, len(state.pending))
-    if appeared:
-        outgoing.append(Outgoing(status_of(state.setup, state.logs, ask=appeared[0])))
+    moved = state.log is not before.log
+    ended = state.over and (moved or not before.over)
+    if appeared or (ended and presence.told):
+        ask = appeared[0] if appeared else ""
+        outgoing.append(Outgoing(status_of(state.setup, state.logs, ask=ask)))
+    began = before.presence.now_s is None
+    happened = began or moved or len(state.pending) != len(before.pending)
     return _set_timer(state, outgoing, happened=happened), tuple(outgoing)
 
 
@@ -87,13 +91,13 @@ def _write_due(state: RobotState, outgoing: list[Outgoing]) -> RobotState:
     setup = state.setup
     while True:
         agreed = _is_agreed(state)
-        finished = agreed or state.turn > setup.options.max_turns
-        state = msgspec.structs.replace(state, agreed=agreed, finished=finished)
-        turn = None if finished else _own_turn(state)
+        over = agreed or state.turn > setup.options.max_turns
+        state = msgspec.structs.replace(state, agreed=agreed, over=over)
+        turn = None if over else _own_turn(state)
         if turn is not None:
             state, envelope = write_entry(state, turn)
             outgoing.append(Outgoing(envelope))
-        elif not finished and state.turn == 0 and _all_opened(state):
+        elif not over and state.turn == 0 and _all_opened(state):
             logs = close_turn(state.logs, setup, state.log)
             state = msgspec.structs.replace(state, logs=logs)
         else:

@@ -52,7 +52,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         asks: Statuses sent since something happened.
         timer_s: When the next status is due.
         wake_s: When it wants to be woken.
-        finished: Whether its session has ended.
+        over: Whether its session has ended, as far as its own log says.
         agreed: Whether it ended by refusals of all that are not lost.
     """
 
@@ -68,7 +68,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     asks: int = 0
     timer_s: float = np.inf
     wake_s: float = 0.0
-    finished: bool = False
+    over: bool = False
     agreed: bool = False
 
     @property
@@ -98,9 +98,14 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def at_rest(self) -> bool:
-        """Whether it has finished and knows that all others who are there hold the same log."""
+        """Whether its session is over and it knows that all who are there hold the same log."""
         there = [robot for robot in self.setup.others if robot not in self.lost]
-        return self.finished and all(self.heads.get(r) == self.log.head for r in there)
+        return self.over and all(self.heads.get(r) == self.log.head for r in there)
+
+    @property
+    def finished(self) -> bool:
+        """Whether it may leave: a network that tells who is there can lose robots, and so logs."""
+        return self.at_rest if self.presence.told else self.over
 
     @property
     def incumbent(self) -> int | None:

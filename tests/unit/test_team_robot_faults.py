@@ -16,9 +16,9 @@ from fgplan.team.replay import replay_turns
 DELAY = NetworkFaults(delay_s=(0.02, 0.1))
 QUIET_S = 60.0
 """How long teams go on after the last fault."""
-SETTLED_AFTER_S = 24.0
-"""Within this time after the last fault all live robots hold one ledger: two times lost_after_s +
-drop_after_s, with a loss of 30 %."""
+SETTLED_AFTER_S = 30.0
+"""Within this time after the last fault all live robots hold one ledger and know it: lost_after_s +
+drop_after_s are 12 s, an ask may be 4 s away, and 30 % of all messages are lost."""
 
 
 def team_of(count, seed=1, **options):
