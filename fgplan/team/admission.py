@@ -1,7 +1,7 @@
 """What a message from the network must pass before a robot's step sees it.
 
-In this order, cheapest first: size, rate, form, a known writer, the session, who may pass it on, the
-signature. The sender is not what the message says but the key that it came under, and with
+In this order, cheapest first: size, rate, form, a known writer, the session, who may pass it on,
+the signature. The sender is not what the message says but the key that it came under, and with
 certificates the network lets a robot write under its own key alone. What is refused is counted by
 reason, and the first of each reason is logged.
 

@@ -8,7 +8,7 @@ later certificates mean a new set. A set of an authority that you have already s
 import ipaddress
 import os
 from collections.abc import Sequence
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,7 @@ def make_certificates(
     places = [_general_name(x509, host) for host in hosts]
     authority_key = ec.generate_private_key(ec.SECP256R1())
     # Robots' clocks differ: valid from an hour ago.
-    since = datetime.now(timezone.utc) - timedelta(hours=1)
+    since = datetime.now(UTC) - timedelta(hours=1)
     until = since + timedelta(days=days, hours=1)
     authority_name = _name(x509, "fgplan team authority")
     authority = _signed(

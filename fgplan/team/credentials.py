@@ -10,7 +10,7 @@ its common name is the robot's name, and it has not run out.
 """
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +157,7 @@ def _public_key(path: Path, robot: str, authority: Any) -> Any:  # noqa: ANN401
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError) as error:
         raise InvalidInputError(f"{what}: not issued by the team's authority") from error
-    now = datetime.now(timezone.utc)
+    now = datetime.now(UTC)
     if not certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc:
         raise InvalidInputError(
             f"{what}: valid from {certificate.not_valid_before_utc} to "

@@ -14,7 +14,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import Generic, Protocol
 
 import msgspec
 
@@ -91,7 +91,7 @@ def run_robot(
     return _Endpoint(state, step, transport, report, session).run(until, time_limit_s, linger_s)
 
 
-class _Endpoint:
+class _Endpoint(Generic[State]):
     """Where one run stands."""
 
     def __init__(

@@ -64,6 +64,10 @@ def zenoh_settings(robot: str, robots: Sequence[str], options: NetworkOptions) -
         "transport/shared_memory/enabled": False,
         "transport/link/protocols": [options.scheme],
         "transport/link/tx/lease": max(1, round(1000 * options.lease_s)),
+        # A put to a frozen robot waits no longer than until that robot counts as gone (zenoh: 5 s).
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": max(
+            1, round(1e6 * options.lease_s)
+        ),
         "transport/link/rx/max_message_size": options.largest_message_bytes + FRAME_BYTES,
     }
     if options.secure:

@@ -311,4 +311,4 @@ def _import_zenoh() -> ModuleType:
             f"robots as processes need eclipse-zenoh, which could not be imported ({error}); "
             "install the extra: pip install 'fgplan[net]'"
         ) from error
-    return zenoh  # type: ignore[no-any-return]
+    return zenoh
