@@ -174,7 +174,8 @@ class Admission:
 
     def _within_rate(self, sender: str, now_s: float) -> bool:
         """Whether a teammate has not sent too much; it may save up what waits for it at most."""
-        most = float(self._options.kept_per_sender)
+        # As many as can wait, in the ring and in the mailbox.
+        most = 2.0 * self._options.kept_per_sender + 2.0
         left, since_s = self._allowance.get(sender, (most, now_s))
         left = min(most, left + (now_s - since_s) * self._options.messages_per_s)
         self._allowance[sender] = (max(left - 1.0, 0.0), now_s)

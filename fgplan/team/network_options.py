@@ -7,6 +7,7 @@ certificates everything is TLS with both sides checked; there is no half of it.
 
 import ipaddress
 import re
+import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -201,6 +202,23 @@ def check_key_chunk(name: str, what: str) -> str:
             f"{what}: expected 1 to 256 characters without / * $ ? # and spaces, got {name!r}"
         )
     return name
+
+
+def free_endpoint(scheme: str = "tcp") -> str:
+    """An endpoint on the loopback whose port nobody uses now.
+
+    The first robot of a team listens there and the others connect to it; those may listen on
+    port 0. Another process may take the port in between; opening the transport then says so.
+
+    Args:
+        scheme: ``tcp``, or ``tls`` with certificates.
+
+    Returns:
+        ``SCHEME/127.0.0.1:PORT``.
+    """
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return f"{scheme}/127.0.0.1:{found.getsockname()[1]}"
 
 
 def read_network(given: Mapping[str, Any], folder: Path | None = None) -> NetworkOptions:
