@@ -58,6 +58,8 @@ def zenoh_settings(robot: str, robots: Sequence[str], options: NetworkOptions) -
             "period_max_ms": 1000,
             "period_increase_factor": 2,
         },
+        # Nor does it wait for teammates that others tell of: wait_for_team does.
+        "open/return_conditions": {"connect_scouted": False, "declares": False},
         "scouting/multicast/enabled": options.multicast,
         "scouting/gossip/enabled": True,
         "adminspace/enabled": False,
