@@ -9,13 +9,17 @@ import time
 
 import numpy as np
 
-from fgplan.errors import InvalidInputError
+from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.planners.aia.lower_bound import unreachable_reason
 from fgplan.planners.aia.problem import AcquisitionProblem
-from fgplan.planners.aia.search import Ending
-from fgplan.planners.distributed_aia.extraction import replayed, team_parts
+from fgplan.planners.distributed_aia.extraction import team_parts
 from fgplan.planners.distributed_aia.options import DistributedOptions
 from fgplan.planners.distributed_aia.robot import step
+from fgplan.planners.distributed_aia.robot_outcome import (
+    joined_plan,
+    joined_result,
+    outcome_of,
+)
 from fgplan.planners.distributed_aia.robot_state import RobotSetup, RobotState, start_robot
 from fgplan.planners.distributed_aia.search import DistributedResult
 from fgplan.planners.distributed_aia.team_plan import TeamPlan
@@ -51,23 +55,69 @@ def set_up_robots(
         InvalidInputError: If the problem is of a kind that these trees do not know, or a limit in
             seconds is asked for, which no clock of messages can keep.
     """
+    generators = generator.spawn(len(problem.robots))
+    states: dict[str, RobotState] = {}
+    fields = None
+    for j, robot in enumerate(problem.robots):
+        setup = _setup(j, options, graph, wait_s=wait_s, session=session)
+        states[robot.name] = start_robot(problem, setup, generators, fields)
+        fields = states[robot.name].growth.prepared.fields
+    return states
+
+
+def set_up_robot(
+    problem: AcquisitionProblem,
+    options: DistributedOptions,
+    graph: CommunicationGraph,
+    generator: np.random.Generator,
+    robot: str,
+    *,
+    wait_s: float = 1.0,
+    session: int = 0,
+) -> RobotState:
+    """One robot of ``set_up_robots``, alone: equal to the one that is made with the others.
+
+    Args:
+        problem: What is planned for.
+        options: How.
+        graph: Who hears whom.
+        generator: Source of every random number; each robot has a stream of its own.
+        robot: Its name.
+        wait_s: Seconds after which a robot no longer waits for a neighbour.
+        session: Number of the planning session.
+
+    Returns:
+        Its state.
+
+    Raises:
+        InvalidInputError: As ``set_up_robots``.
+        UnknownNameError: If there is no such robot.
+    """
+    names = [one.name for one in problem.robots]
+    if robot not in names:
+        raise UnknownNameError(f"robot {robot!r}: expected one of {', '.join(names)}")
+    setup = _setup(names.index(robot), options, graph, wait_s=wait_s, session=session)
+    return start_robot(problem, setup, generator.spawn(len(names)))
+
+
+def _setup(
+    robot: int,
+    options: DistributedOptions,
+    graph: CommunicationGraph,
+    *,
+    wait_s: float,
+    session: int,
+) -> RobotSetup:
+    """What a robot knows before it plans."""
     if options.seconds is not None:
         raise InvalidInputError(
             "planner option seconds: expected none where robots talk through messages; give "
             "iterations or node_budget"
         )
-    generators = generator.spawn(len(problem.robots))
-    parts = team_parts(graph)
-    states: dict[str, RobotState] = {}
-    fields = None
-    for j, robot in enumerate(problem.robots):
-        part = next(part for part in parts if j in part)
-        setup = RobotSetup(
-            robot=j, part=part, options=options, graph=graph, wait_s=wait_s, session=session
-        )
-        states[robot.name] = start_robot(problem, setup, generators, fields)
-        fields = states[robot.name].growth.prepared.fields
-    return states
+    part = next(part for part in team_parts(graph) if robot in part)
+    return RobotSetup(
+        robot=robot, part=part, options=options, graph=graph, wait_s=wait_s, session=session
+    )
 
 
 @one_blas_thread()
@@ -104,26 +154,10 @@ def search_by_messages(
     reason = unreachable_reason(problem)
     if not reason:
         states = run_robots(states, step, transport, time_limit_s=time_limit_s)
-    searched = time.perf_counter()
+    seconds = {"setup": planted - began, "search": time.perf_counter() - planted}
     robots = list(states.values())
-    counts: dict[str, int] = {}
-    for state in robots:
-        for name, number in state.growth.counted().items():
-            counts[name] = counts.get(name, 0) + number
-    endings = [state.ending or "interrupted" for state in robots]
-    plan = plan_of_reports(robots)
-    ending: Ending = "unreachable" if reason else _ending(endings)
-    return DistributedResult(
-        plan=plan,
-        ending=ending,
-        sweeps=max(state.growth.sweep for state in robots),
-        shortfall=min(state.growth.shortfall for state in robots),
-        counts=counts,
-        bytes_per_node=robots[0].growth.bytes_per_node,
-        seconds={"setup": planted - began, "search": searched - planted},
-        candidates=sum(state.replayed[0] for state in robots),
-        refused=sum(state.replayed[1] for state in robots),
-        reason=reason,
+    return joined_result(
+        robots[0].growth, [outcome_of(state) for state in robots], seconds, reason=reason
     )
 
 
@@ -136,19 +170,4 @@ def plan_of_reports(states: list[RobotState]) -> TeamPlan | None:
     Returns:
         The plan; None if a part has none.
     """
-    ways, origins = {}, []
-    for part in team_parts(states[0].setup.graph):
-        plan = states[part[0]].plan
-        if plan is None:
-            return None
-        ways.update(plan.ways())
-        origins.append((plan.origin, plan.goal))
-    return replayed(states[0].growth, ways, origins)
-
-
-def _ending(endings: list[str]) -> Ending:
-    """One word for the team."""
-    for word in ("interrupted", "nodes", "iterations"):
-        if word in endings:
-            return word
-    return "feasible"
+    return joined_plan(states[0].growth, [state.plan for state in states])

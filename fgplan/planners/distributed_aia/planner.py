@@ -4,31 +4,31 @@ Tzes, Kantaros and Pappas, "Technical Report: Distributed Sampling-based Plannin
 Active Information Gathering", 2021 (arXiv 2107.11163), section III.
 """
 
+import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fgplan.checks import check_positive
-from fgplan.errors import FgplanError, InvalidInputError, OptionError
-from fgplan.planners.aia.mission_problem import (
-    PROBLEM_OPTIONS,
-    mission_plan,
-    mission_problem,
-    no_plan,
-    read_problem_options,
-)
-from fgplan.planners.aia.options import split_options
+from fgplan.planners.aia.lower_bound import unreachable_reason
+from fgplan.planners.aia.mission_problem import mission_plan, no_plan
 from fgplan.planners.aia.problem import AcquisitionProblem
+from fgplan.planners.distributed_aia.mission_team import (
+    REAL_WAIT_S,
+    SIMULATED_WAIT_S,
+    MissionTeam,
+    read_mission_team,
+)
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
+from fgplan.planners.program import RobotProgram, participants
 from fgplan.team.communication_graph import CommunicationGraph
-from fgplan.team.communication_table import read_communication_graph
-from fgplan.team.in_process import InProcessTransport, NetworkFaults, read_faults
+from fgplan.team.in_process import InProcessTransport
 
 if TYPE_CHECKING:
+    from fgplan.planners.distributed_aia.search import DistributedResult
     from fgplan.planners.distributed_aia.team_plan import TeamPlan
 
 _WHY = {
@@ -37,54 +37,6 @@ _WHY = {
     "seconds": "the time is over",
     "interrupted": "interrupted, or the network's time limit is over",
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExchangeOptions:
-    """How robots hear of each other; the other options are ``DistributedOptions``.
-
-    Attributes:
-        graph: Communication graph as plain data, see ``fgplan.team.communication_table``;
-            all-to-all if left out.
-        messages: Whether robots of this process talk through messages alone; otherwise they read
-            each other's trees, to the same plan. Network faults need messages.
-        communication: Faults of the simulated network, as ``[team.communication]`` gives them.
-        wait_s: Seconds after which a robot no longer waits for a neighbour.
-        time_limit_s: Seconds on the network's clock after which the team gives up.
-    """
-
-    graph: Mapping[str, Any] | None = None
-    messages: bool = False
-    communication: Mapping[str, Any] | None = None
-    wait_s: float = 1.0
-    time_limit_s: float = 1e6
-
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        if not isinstance(self.messages, bool):
-            raise InvalidInputError(
-                f"planner option messages: expected true or false, got {self.messages!r}"
-            )
-        check_positive(self.wait_s, "planner option wait_s")
-        check_positive(self.time_limit_s, "planner option time_limit_s")
-
-    def read_graph(
-        self, robots: tuple[str, ...], generator: np.random.Generator
-    ) -> CommunicationGraph:
-        """The communication graph.
-
-        Args:
-            robots: In the order of the team.
-            generator: Source of random graphs.
-        """
-        return read_communication_graph(self.graph or {"kind": "complete"}, robots, generator)
-
-    def faults(self) -> NetworkFaults | None:
-        """Faults of the network; None for a perfect one."""
-        return None if self.communication is None else read_faults(self.communication)
-
-
-_EXCHANGE_OPTIONS = tuple(option.name for option in fields(ExchangeOptions))
 
 
 def plan_details(
@@ -126,6 +78,7 @@ class DistributedAiaPlanner:
     """
 
     name = "distributed_aia"
+    companions: tuple[str, ...] = ()
 
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
@@ -146,59 +99,124 @@ class DistributedAiaPlanner:
             InvalidInputError: If the mission is not one of gathering information.
         """
         from fgplan.planners.distributed_aia.message_search import search_by_messages
-        from fgplan.planners.distributed_aia.options import distributed_options
         from fgplan.planners.distributed_aia.search import search_distributed
 
-        own, others = split_options(mission.options, PROBLEM_OPTIONS)
-        talk, others = split_options(others, _EXCHANGE_OPTIONS)
-        problem = mission_problem(mission, read_problem_options(own))
-        preset = others.pop("preset", "reproduction")
-        options = distributed_options(preset, **others)
-        drawing, planning, network = generator.spawn(3)
-        names = tuple(robot.name for robot in problem.robots)
-        try:
-            exchange = ExchangeOptions(**talk)
-            graph = exchange.read_graph(names, drawing)
-            faults = exchange.faults()
-        except (FgplanError, TypeError) as error:
-            raise OptionError(str(error)) from error
-        transport = None
-        if exchange.messages or faults is not None:
-            transport = InProcessTransport(names, faults, network)
-            found = search_by_messages(
-                problem,
-                options,
-                graph,
-                planning,
-                transport,
-                wait_s=exchange.wait_s,
-                time_limit_s=exchange.time_limit_s,
+        team = read_mission_team(mission, generator)
+        if not team.exchange.messages and team.faults is None:
+            found = search_distributed(
+                team.problem, team.options, team.graph, team.planning, progress=progress
             )
-        else:
-            found = search_distributed(problem, options, graph, planning, progress=progress)
-        if found.plan is None:
-            if found.ending == "interrupted" and transport is None:
+            if found.plan is None and found.ending == "interrupted":
                 raise KeyboardInterrupt
-            why = found.reason or _WHY.get(found.ending, found.ending)
-            raise no_plan(self.name, problem, found.shortfall, why)
-        plan = mission_plan(
-            mission,
-            problem,
-            found.plan.at(found.plan.first_origin),
-            planner=self.name,
-            agreed=found.ending != "interrupted",
-            report=found.counts
-            | {
-                "sweeps": found.sweeps,
-                "team_paths_replayed": found.candidates,
-                "team_paths_refused": found.refused,
-            },
-            seconds=found.seconds,
-            options={"preset": preset, **asdict(options), **talk, **own},
-            details=plan_details(problem, graph, found.plan)
-            | {"ending": found.ending, "bytes_per_node": found.bytes_per_node},
+            return _plan_of(mission, team, found)
+        names = tuple(robot.name for robot in team.problem.robots)
+        transport = InProcessTransport(names, team.faults, team.network)
+        found = search_by_messages(
+            team.problem,
+            team.options,
+            team.graph,
+            team.planning,
+            transport,
+            wait_s=team.exchange.wait_s or SIMULATED_WAIT_S,
+            time_limit_s=team.exchange.time_limit_s,
         )
-        if transport is None:
-            return plan
         kinds = transport.traffic.kinds
-        return replace(plan, traffic={kind: asdict(counts) for kind, counts in kinds.items()})
+        return replace(
+            _plan_of(mission, team, found),
+            traffic={kind: asdict(counts) for kind, counts in kinds.items()},
+        )
+
+    def program(self, mission: Mission, robot: str, generator: np.random.Generator) -> RobotProgram:
+        """Make the program of one robot; see ``DistributedPlanner``.
+
+        Args:
+            mission: Robots with sensors, and targets.
+            robot: Name of the robot.
+            generator: Source of every random number, as for ``plan``.
+
+        Returns:
+            The program.
+
+        Raises:
+            NoCandidatePathError: If no plan can satisfy the constraint.
+            OptionError: If an option is not known or not usable.
+            UnknownNameError: If there is no such robot.
+        """
+        from fgplan.planners.distributed_aia.message_search import set_up_robot
+        from fgplan.planners.distributed_aia.robot import step
+        from fgplan.planners.distributed_aia.robot_outcome import progress_of, report_of
+
+        began = time.perf_counter()
+        team = read_mission_team(mission, generator)
+        state = set_up_robot(
+            team.problem,
+            team.options,
+            team.graph,
+            team.planning,
+            robot,
+            wait_s=team.exchange.wait_s or REAL_WAIT_S,
+        )
+        reason = unreachable_reason(team.problem)
+        if reason:
+            raise no_plan(self.name, team.problem, state.growth.shortfall, reason)
+        return RobotProgram(
+            robot=robot,
+            participants=participants(self, mission),
+            state=state,
+            step=step,
+            report=report_of,
+            progress=progress_of,
+            time_limit_s=team.exchange.time_limit_s,
+            seconds={"setup": time.perf_counter() - began},
+        )
+
+    def team_plan(
+        self, mission: Mission, reports: Mapping[str, Any], generator: np.random.Generator
+    ) -> Plan:
+        """Make the plan of what all robots handed in; see ``DistributedPlanner``.
+
+        Args:
+            mission: As for ``program``.
+            reports: By robot.
+            generator: As for ``program``.
+
+        Returns:
+            The best plan found, replayed through the distributed Kalman filter.
+
+        Raises:
+            NoCandidatePathError: If no feasible plan was found; says the best uncertainty reached.
+            InvalidInputError: If a report is malformed, or there is none.
+        """
+        from fgplan.planners.distributed_aia.robot_outcome import result_of_reports
+
+        team = read_mission_team(mission, generator)
+        found = result_of_reports(team.problem, team.options, team.graph, team.planning, reports)
+        return _plan_of(mission, team, found)
+
+
+def _plan_of(mission: Mission, team: MissionTeam, found: "DistributedResult") -> Plan:
+    """The plan of what the robots found.
+
+    Raises:
+        NoCandidatePathError: If they found none.
+    """
+    if found.plan is None:
+        why = found.reason or _WHY.get(found.ending, found.ending)
+        raise no_plan(DistributedAiaPlanner.name, team.problem, found.shortfall, why)
+    return mission_plan(
+        mission,
+        team.problem,
+        found.plan.at(found.plan.first_origin),
+        planner=DistributedAiaPlanner.name,
+        agreed=found.ending != "interrupted",
+        report=found.counts
+        | {
+            "sweeps": found.sweeps,
+            "team_paths_replayed": found.candidates,
+            "team_paths_refused": found.refused,
+        },
+        seconds=found.seconds,
+        options=team.used,
+        details=plan_details(team.problem, team.graph, found.plan)
+        | {"ending": found.ending, "bytes_per_node": found.bytes_per_node},
+    )

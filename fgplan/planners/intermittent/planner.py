@@ -8,36 +8,48 @@ robots (``team_run.run_team``) plan anew at each meeting with what they have mea
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from fgplan.checks import check_positive
-from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.errors import FgplanError, InvalidInputError, OptionError, UnknownNameError
 from fgplan.models.hidden_state import HiddenBlock, HiddenState
 from fgplan.models.sensor import AbstractSensor
-from fgplan.paths.candidate_path import CandidatePath
 from fgplan.planners.intermittent.block_model import METRICS, BlockModel, is_block_state
 from fgplan.planners.intermittent.dense_model import DenseModel
 from fgplan.planners.intermittent.estimate import Estimate
 from fgplan.planners.intermittent.geodesic_way import geodesic_cells
 from fgplan.planners.intermittent.options import SegmentOptions
-from fgplan.planners.intermittent.robot_state import MeetingRecord, TeamSetup
+from fgplan.planners.intermittent.robot_state import TeamSetup, start_robot
 from fgplan.planners.intermittent.schedule import PeriodChoice, make_schedule
 from fgplan.planners.intermittent.segment_problem import StateModel
 from fgplan.planners.intermittent.sensor_rows import sensor_rows
 from fgplan.planners.intermittent.state_model import HiddenProcess, TargetObservation
+from fgplan.planners.intermittent.team_course import (
+    course_of_reports,
+    course_of_run,
+    plan_of_course,
+    robot_progress,
+    robot_report,
+    world_progress,
+    world_report,
+)
 from fgplan.planners.intermittent.team_graph import TeamGraph, propose_teams
-from fgplan.planners.intermittent.team_run import TeamRun, first_legs, run_team
+from fgplan.planners.intermittent.team_run import first_legs, run_team
 from fgplan.planners.intermittent.truth import expected_truth
+from fgplan.planners.intermittent.world import start_world
+from fgplan.planners.intermittent.world import step as step_world
+from fgplan.planners.intermittent.world_message import WORLD
+from fgplan.planners.intermittent.world_robot import WorldRobot
+from fgplan.planners.intermittent.world_robot import step as step_world_robot
 from fgplan.planners.mission import Mission
-from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
+from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
+from fgplan.planners.program import RobotProgram, participants
 from fgplan.typing import FloatArray
 from roadmaps import Workspace
-
-_KNOWN_POSE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +96,7 @@ class IntermittentPlanner:
     """Planner ``intermittent``; options are those of ``TeamOptions`` and ``SegmentOptions``."""
 
     name = "intermittent"
+    companions: tuple[str, ...] = (WORLD,)
 
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
@@ -112,7 +125,81 @@ class IntermittentPlanner:
         truth = expected_truth(setup.model, estimate, own.steps, len(setup.robots))
         legs = first_legs(setup, starts, estimate)
         run = run_team(setup, legs, estimate, truth, progress=progress)
-        return _plan_of(mission, setup, own, run, time.perf_counter() - began)
+        plan = plan_of_course(mission, setup, course_of_run(run), asdict(own), own.step_s)
+        return replace(
+            plan,
+            traffic={kind: asdict(counts) for kind, counts in run.traffic.kinds.items()},
+            seconds={"plan": time.perf_counter() - began},
+        )
+
+    def program(self, mission: Mission, robot: str, generator: np.random.Generator) -> RobotProgram:
+        """Make the program of one robot, or of the world; see ``DistributedPlanner``.
+
+        Args:
+            mission: Planar robots with sensors, and targets.
+            robot: Name of the robot, or ``world``.
+            generator: Source of every random number, as for ``plan``.
+
+        Returns:
+            The program.
+
+        Raises:
+            OptionError: If an option is not known or not usable.
+            InvalidInputError: If the mission has no targets, or robots are not planar.
+            NoCandidatePathError: If obstacles keep a team apart.
+            UnknownNameError: If there is no such participant.
+        """
+        began = time.perf_counter()
+        names = participants(self, mission)
+        if robot not in names:
+            raise UnknownNameError(f"robot {robot!r}: expected one of {', '.join(names)}")
+        own, segment = read_options(mission.options)
+        setup, starts, estimate = mission_team(
+            mission, own, segment, int(generator.integers(2**31))
+        )
+        if robot == WORLD:
+            truth = expected_truth(setup.model, estimate, own.steps, len(setup.robots))
+            return RobotProgram(
+                robot=robot,
+                participants=names,
+                state=start_world(setup, truth, starts),
+                step=step_world,
+                report=world_report,
+                progress=world_progress,
+                seconds={"setup": time.perf_counter() - began},
+            )
+        legs = first_legs(setup, starts, estimate)
+        return RobotProgram(
+            robot=robot,
+            participants=names,
+            state=WorldRobot(robot=start_robot(setup, robot, legs[robot], estimate)),
+            step=step_world_robot,
+            report=robot_report,
+            progress=robot_progress,
+            seconds={"setup": time.perf_counter() - began},
+        )
+
+    def team_plan(
+        self, mission: Mission, reports: Mapping[str, Any], generator: np.random.Generator
+    ) -> Plan:
+        """Make the plan of what the world and the robots handed in; see ``DistributedPlanner``.
+
+        Args:
+            mission: As for ``program``.
+            reports: By participant.
+            generator: As for ``program``.
+
+        Returns:
+            As ``plan``, where no robot was lost; one that was stands still from then on.
+
+        Raises:
+            NoCandidatePathError: If obstacles kept a team apart.
+            InvalidInputError: If a report is malformed, or the world's is missing.
+        """
+        own, segment = read_options(mission.options)
+        setup, _, estimate = mission_team(mission, own, segment, int(generator.integers(2**31)))
+        course = course_of_reports(setup, estimate, own.steps, reports)
+        return plan_of_course(mission, setup, course, asdict(own), own.step_s)
 
 
 def read_options(given: Mapping[str, Any]) -> tuple[TeamOptions, SegmentOptions]:
@@ -254,76 +341,3 @@ def _on_diagonal(blocks: list[FloatArray]) -> FloatArray:
         whole[at : at + len(block), at : at + len(block)] = block
         at += len(block)
     return whole
-
-
-def _plan_of(
-    mission: Mission, setup: TeamSetup, own: TeamOptions, run: TeamRun, seconds: float
-) -> Plan:
-    """A run on what is expected, as a plan."""
-    goals = {robot.name: robot.goals for robot in mission.robots}
-    robots = []
-    for row, name in enumerate(setup.robots):
-        places = run.positions[:, row]
-        ways = np.diff(places, axis=0)
-        headings = np.append(np.arctan2(ways[:, 1], ways[:, 0]), 0.0)
-        headings[-1] = headings[-2]
-        poses = np.column_stack([places, headings])
-        path = CandidatePath(
-            robot=name,
-            poses=poses,
-            times_s=np.arange(len(poses), dtype=np.float64) * own.step_s,
-            motion_covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(ways), 1, 1)),
-        )
-        robots.append(
-            RobotPlan(
-                robot=name,
-                start=poses[0],
-                path=path,
-                covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(poses), 1, 1)),
-                goals=goals[name],
-            )
-        )
-    schedule = setup.schedule
-    meetings = [record for state in run.robots for record in state.meetings if record.rank > -2]
-    meetings.sort(key=lambda record: (record.time, record.team))
-    return Plan(
-        planner=IntermittentPlanner.name,
-        mission=mission.name,
-        scenario_digest=mission.digest,
-        seed=mission.seed,
-        robots=tuple(robots),
-        objective=(ObjectiveValue(0, "", float(run.everything.uncertainty.sum())),),
-        report={
-            "meetings": len(meetings),
-            "without_fallback": sum(r.rank == 0 and not r.failed for r in meetings),
-            "measurements": sum(len(record.readings) for _, record in run.records),
-        },
-        traffic={kind: asdict(counts) for kind, counts in run.traffic.kinds.items()},
-        seconds={"plan": seconds},
-        options={**asdict(own), **asdict(setup.options)},
-        details={
-            "teams": [list(team) for team in schedule.graph.teams],
-            "schedules": {name: list(schedule.sequence(name)) for name in setup.robots},
-            "period": schedule.period,
-            "delay_bound_epochs": schedule.delay_bound,
-            "meetings": [_meeting(record, setup, run) for record in meetings],
-            "targets": [target.name for target in mission.targets],
-            "uncertainty": run.everything.uncertainty.tolist(),
-            "target_means": run.everything.means.tolist(),
-            "target_covariance_at_end": run.everything.estimate.covariance.tolist(),
-        },
-    )
-
-
-def _meeting(record: MeetingRecord, setup: TeamSetup, run: TeamRun) -> dict[str, Any]:
-    """A meeting as plain data."""
-    rows = [setup.robots.index(name) for name in record.present]
-    return {
-        "team": record.team,
-        "epoch": record.epoch,
-        "step": record.time,
-        "robots": list(record.present),
-        "places": run.positions[record.time, rows].tolist(),
-        "next_plan_failed": list(record.failed),
-        "next_plan_rank": record.rank,
-    }

@@ -11,6 +11,17 @@ from fgplan.typing import FloatArray
 _HAIR_M = 1e-9
 
 
+def is_in_range(here: FloatArray, there: FloatArray, range_m: float) -> bool:
+    """Whether two places are within range of radio, up to rounding.
+
+    Args:
+        here: Shape (2,), metres.
+        there: Shape (2,), metres.
+        range_m: R, metres.
+    """
+    return bool(np.hypot(*(there - here)) <= range_m + _HAIR_M)
+
+
 class Radio:
     """A transport that delivers within range only; see ``fgplan.team.transport``.
 
@@ -57,7 +68,7 @@ class Radio:
             return
         for other, there in self._positions.items():
             wanted = other != robot and to in (None, other)
-            if wanted and np.hypot(*(there - here)) <= self._range_m + _HAIR_M:
+            if wanted and is_in_range(here, there, self._range_m):
                 self._inner.send(robot, envelope, other)
 
     def receive(self, robot: str) -> tuple[Envelope, ...]:

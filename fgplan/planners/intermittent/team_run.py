@@ -132,7 +132,7 @@ def run_team(
             place = positions[time - 1, row]
             if name not in away:
                 place = place_at(states[name], time)
-                sensed[name] = _sense(setup, row, place, time, truth)
+                sensed[name] = Sensed(sense(setup, row, place, time, truth))
                 records.append((row, sensed[name].record))
             positions[time, row] = place
             radio.move(name, None if name in away else place)
@@ -235,13 +235,24 @@ def _initial_place(legs: Mapping[int, Leg], start: FloatArray, time: int) -> Flo
     return place
 
 
-def _sense(setup: TeamSetup, row: int, place: FloatArray, time: int, truth: Truth) -> Sensed:
-    """What a robot's sensors say in a step."""
+def sense(setup: TeamSetup, row: int, place: FloatArray, time: int, truth: Truth) -> Record:
+    """What a robot's sensors say in a step.
+
+    Args:
+        setup: What all robots know.
+        row: The robot, in the order of the team.
+        place: Where it is, shape (2,), metres.
+        time: Step.
+        truth: States and noise.
+
+    Returns:
+        The record of the step, without readings where it does not measure.
+    """
     readings: tuple[tuple[int, tuple[float, ...]], ...] = ()
     if time % setup.model.every == 0:
         normals = truth.normals[time, row]
         readings = setup.model.measure(row, truth.states[time], place, normals)
-    return Sensed(Record(time, (float(place[0]), float(place[1])), readings))
+    return Record(time, (float(place[0]), float(place[1])), readings)
 
 
 def _step(states: dict[str, RobotState], name: str, radio: Radio, own: tuple) -> None:
