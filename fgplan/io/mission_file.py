@@ -134,7 +134,14 @@ def scenario_digest(scenario: Scenario, workspace: Workspace, prior: Prior) -> s
 def _planner_options(scenario: Scenario, place: Place) -> dict[str, Any]:
     """Options of the planner that is named, with what ``[team]`` says of agreeing."""
     options = scenario.planner_options
-    for name in ("order", "tolerance", "without_path", "communication"):
+    for name in (
+        "order",
+        "tolerance",
+        "without_path",
+        "lost_after_s",
+        "drop_after_s",
+        "communication",
+    ):
         value = getattr(scenario.team, name)
         if value is None:
             continue

@@ -19,12 +19,14 @@ class Presence:
 
     Attributes:
         now_s: Time of the last step, seconds; None before the first.
+        began_s: Time of the first step, seconds; None before it.
         heard_s: When each teammate was heard of last, seconds.
         seen: Teammates that the network saw at the last step.
         told: Whether the network tells who is there.
     """
 
     now_s: float | None = None
+    began_s: float | None = None
     heard_s: Mapping[str, float] = field(default_factory=dict)
     seen: frozenset[str] = frozenset()
     told: bool = False
@@ -64,4 +66,6 @@ def look_round(
         heard |= dict.fromkeys(seen, now_s)
     appeared = tuple(robot for robot in setup.others if robot in seen - presence.seen)
     told = inbox.present is not None
-    return Presence(now_s=now_s, heard_s=heard, seen=seen, told=told), appeared
+    began_s = now_s if presence.began_s is None else presence.began_s
+    after = Presence(now_s=now_s, began_s=began_s, heard_s=heard, seen=seen, told=told)
+    return after, appeared

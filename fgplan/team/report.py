@@ -27,6 +27,7 @@ class RobotReport:
         first_value: Common objective at the end of round 0, or None if nobody has evaluated.
         stale: Announcements that lost against another with the same basis.
         dropped: Envelopes that were of no use.
+        clock_s: Seconds on the transport's clock since its first step.
         records: What it did on its turns.
         entries: All entries of its log, in order.
     """
@@ -43,6 +44,7 @@ class RobotReport:
     first_value: float | None
     stale: int
     dropped: int
+    clock_s: float
     records: tuple[TurnRecord, ...]
     entries: tuple[Envelope, ...] = ()
 
@@ -70,6 +72,7 @@ def report_of(state: RobotState) -> RobotReport:
         first_value=log.first_value,
         stale=log.stale,
         dropped=state.dropped + state.logs.dropped,
+        clock_s=(state.presence.now_s or 0.0) - (state.presence.began_s or 0.0),
         records=state.records,
         entries=log.all_entries(),
     )
@@ -92,6 +95,7 @@ class _ReportData(
     first_value: float | None
     stale: int
     dropped: int
+    clock_s: float
     records: tuple[TurnRecord, ...]
     entries: tuple[Envelope, ...]
 

@@ -1,5 +1,6 @@
 """Options of the planners that choose among candidate paths, each with its default."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal, TypeVar, cast, get_args
@@ -11,6 +12,9 @@ from fgplan.errors import FgplanError, InvalidInputError, OptionError
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, read_faults
 from fgplan.team.options import CoordinationOptions, Order, WithoutPath
 from roadmaps import PathMethod
+
+LOST_AFTER_S = 10.0
+"""Between processes, where nothing else is said: robots do fail."""
 
 RoadmapKind = Literal["prm", "rrg"]
 
@@ -64,6 +68,11 @@ class ImpactedPathsOptions(CandidateOptions):
         session: Number of the planning session.
         seed: Seed of the random order; None takes the mission's.
         covariances: Whether to compute the covariance of every pose of the plan.
+        repair_after_s: Seconds of silence after which a robot asks for what it misses.
+        lost_after_s: Seconds without a sign of a robot after which the others go on without it;
+            None: they wait for it in one process, and 10 s between processes.
+        drop_after_s: Seconds after which the path of a lost robot is withdrawn; None keeps it.
+        time_limit_s: Seconds on the network's clock after which the team gives up.
         communication: Faults of the simulated network (or its fields by name), drawn by the run's
             generator; None is a perfect one. They change how long agreement takes, not its paths.
     """
@@ -77,6 +86,10 @@ class ImpactedPathsOptions(CandidateOptions):
     session: int = 0
     seed: int | None = None
     covariances: bool = True
+    repair_after_s: float = 1.0
+    lost_after_s: float | None = None
+    drop_after_s: float | None = None
+    time_limit_s: float = 3600.0
     communication: NetworkFaults | Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -95,6 +108,11 @@ class ImpactedPathsOptions(CandidateOptions):
                     f"planner option {name}: expected true or false, got {getattr(self, name)!r}"
                 )
 
+        for name in ("repair_after_s", "time_limit_s"):
+            check_positive(getattr(self, name), f"planner option {name}")
+        for name in ("lost_after_s", "drop_after_s"):
+            if getattr(self, name) is not None:
+                check_positive(getattr(self, name), f"planner option {name}")
         if isinstance(self.communication, Mapping):
             object.__setattr__(self, "communication", read_faults(self.communication))
         elif not isinstance(self.communication, NetworkFaults | None):
@@ -115,9 +133,18 @@ class ImpactedPathsOptions(CandidateOptions):
         faults = cast(NetworkFaults, self.communication)
         return InProcessTransport(robots, faults, generator.spawn(1)[0])
 
-    def coordination(self, mission_seed: int, *, exact: bool) -> CoordinationOptions:
-        """How the team comes to agree."""
+    def coordination(
+        self, mission_seed: int, *, exact: bool, processes: bool = False
+    ) -> CoordinationOptions:
+        """How the team comes to agree, in one process or each robot in its own."""
+        lost_after_s = LOST_AFTER_S if processes else math.inf
+        if self.lost_after_s is not None:
+            lost_after_s = self.lost_after_s
         return CoordinationOptions(
+            repair_after_s=self.repair_after_s,
+            lost_after_s=lost_after_s,
+            drop_after_s=math.inf if self.drop_after_s is None else self.drop_after_s,
+            time_limit_s=self.time_limit_s,
             order=self.order,
             seed=mission_seed if self.seed is None else self.seed,
             check_values=exact,
