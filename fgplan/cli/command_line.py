@@ -72,6 +72,14 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         help="a .toml or .yaml scenario, or a log: .g2o, .pyfg, a folder of these, MR.CLAM",
     )
     _add_common(run)
+    team = verbs.add_parser(
+        "team", help="plan a scenario by robots that talk through messages, each in its process"
+    )
+    _add_team(team)
+    robot = verbs.add_parser(
+        "robot", help="run one robot of a scenario over the network, for several machines"
+    )
+    _add_robot(robot)
     plot = verbs.add_parser("plot", help="draw the figures of a run folder again")
     plot.add_argument("folder", metavar="DIR", help="a folder that fgplan run or demo wrote")
     for verb, summary in (
@@ -93,11 +101,71 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_common(parser: argparse.ArgumentParser) -> None:
-    """The arguments that run, demo, bench and reproduce share."""
+def _add_team(parser: argparse.ArgumentParser) -> None:
+    """The arguments of team."""
+    parser.add_argument("scenario", metavar="SCENARIO", help="as of fgplan run")
+    parser.add_argument(
+        "--processes", action="store_true", help="one process a robot, over the loopback"
+    )
+    parser.add_argument(
+        "--gather", metavar="DIR", help="plan of what robots that ran elsewhere wrote into DIR"
+    )
+    parser.add_argument(
+        "--time-limit-s", metavar="S", type=_seconds, help="seconds after which robots give up"
+    )
+    _add_common(parser, seeds=False)
+
+
+def _add_robot(parser: argparse.ArgumentParser) -> None:
+    """The arguments of robot."""
+    parser.add_argument("scenario", metavar="SCENARIO", help="as of fgplan run, the same at all")
+    parser.add_argument("--name", metavar="NAME", required=True, help="which robot this is")
+    parser.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        action="append",
+        help="where it listens: tcp/HOST:PORT (default: those of [team.network], or any port of "
+        "the loopback)",
+    )
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        action="append",
+        help="where a teammate listens; one is enough",
+    )
+    parser.add_argument("--out", metavar="DIR", help="run folder (default: runs/robot-SCENARIO)")
+    parser.add_argument(
+        "--start-wait-s",
+        metavar="S",
+        type=_seconds,
+        default=120.0,
+        help="seconds to wait for the whole team before it begins without some (default: 120)",
+    )
+    parser.add_argument(
+        "--linger-s",
+        metavar="S",
+        type=_seconds,
+        default=30.0,
+        help="seconds to stay for others after it has finished (default: 30)",
+    )
+    parser.add_argument(
+        "--time-limit-s", metavar="S", type=_seconds, help="seconds after which it gives up"
+    )
+    parser.add_argument("--quick", action="store_true", help="as of fgplan run, the same at all")
+    parser.add_argument(
+        "--child",
+        action="store_true",
+        help="started by fgplan team: kernels are compiled, progress goes out line by line, and it "
+        "ends when standard input does",
+    )
+
+
+def _add_common(parser: argparse.ArgumentParser, *, seeds: bool = True) -> None:
+    """The arguments that run, team, demo, bench and reproduce share."""
     parser.add_argument("--out", metavar="DIR", help="run folder (default: runs/COMMAND-NAME)")
     parser.add_argument("--json", metavar="FILE", help="write the result here too")
-    parser.add_argument("--seeds", metavar="N", type=_count, help="number of seeds")
+    if seeds:
+        parser.add_argument("--seeds", metavar="N", type=_count, help="number of seeds")
     parser.add_argument("--quick", action="store_true", help="a short version, as tests run it")
     parser.add_argument(
         "--check", action="store_true", help="exit with 1 if a requirement is not met"
@@ -109,6 +177,17 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number, 1 or more, got {text!r}")
     return int(text)
+
+
+def _seconds(text: str) -> float:
+    """Seconds, zero or more."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected seconds, zero or more, got {text!r}")
+    return value
 
 
 class _VersionAction(argparse.Action):

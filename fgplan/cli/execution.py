@@ -42,6 +42,13 @@ def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
             return _print_lines(
                 f"wrote {path}" for path in draw_run_figures(Path(arguments.folder))
             )
+        if arguments.verb == "robot":
+            from fgplan.cli.robot_command import run_robot_command
+
+            lines, finished = run_robot_command(arguments, progress)
+            progress.close()
+            _print_lines(lines)
+            return DONE if finished else NOT_MET
         return _execute_work(arguments, words, progress)
     except (NoCandidatePathError, UnreachableError, NoRoadmapPathError) as error:
         return _fail(progress, f"fgplan: no feasible plan: {error}", NOT_MET)
@@ -67,12 +74,13 @@ def _execute_work(
     def record(results: Mapping[str, Any]) -> None:
         _write(files, ResultFile(command=command, results=results, complete=False))
 
-    if arguments.verb != "run":  # run checks its scenario first: bad input changes no run folder
+    # run and team check their scenario first: bad input changes no run folder
+    if arguments.verb not in ("run", "team"):
         record({})
     options = CommandOptions(
         name=name,
         out=folder,
-        seeds=arguments.seeds,
+        seeds=getattr(arguments, "seeds", None),
         quick=arguments.quick,
         arguments={k: v for k, v in vars(arguments).items() if k not in _SHARED},
         progress=progress,
@@ -101,6 +109,10 @@ def _find_function(
         from fgplan.cli.run_command import run_scenario
 
         return run_scenario, Path(arguments.scenario).stem
+    if arguments.verb == "team":
+        from fgplan.cli.team_command import run_team
+
+        return run_team, Path(arguments.scenario).stem
     module, _, function = REGISTRY[arguments.verb][arguments.name].target.partition(":")
     return getattr(importlib.import_module(module), function), arguments.name
 

@@ -7,8 +7,9 @@ which goes into the run folder: see fgplan/io/past_scenario.py for its rules.
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from fgplan.io.past_files import plan_start_s, remove_past_files, write_past_fil
 from fgplan.io.past_formats import is_team_past
 from fgplan.io.place import Place
 from fgplan.io.plan_file import PLANS, write_plans
-from fgplan.io.prior_table import make_prior
+from fgplan.io.prior_table import Prior, make_prior
 from fgplan.io.result_file import Requirement, require_true
 from fgplan.io.run_folder import begin_run, write_record
 from fgplan.io.scenario import Scenario
@@ -65,43 +66,111 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
         ScenarioError: If the scenario or log is wrong.
         NoCandidatePathError: If a robot has no path.
     """
-    path = Path(options.arguments["scenario"])
+    run = open_run(Path(options.arguments["scenario"]), quick=options.quick)
+    scenario, mission = run.scenario, run.mission
+    if scenario.simulation is not None and scenario.planner_name == PLANNER:
+        return run_loop_scenario(options, scenario, scenario.simulation, mission, run.path)
+    options.record({})
+    if options.out is not None:
+        begin_folder(run, options.out)
+    seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
+    plans: list[Plan] = []
+    for seed in seeds:
+        seeded = dataclasses.replace(mission, seed=seed)
+        with planning(run):
+            plans.append(run.planner.plan(seeded, np.random.default_rng(seed), options.progress))
+        options.record({"plans": [plan.to_data() for plan in plans]})
+    return outcome_of(run, plans, options.out)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OpenRun:
+    """A scenario or log, read and checked.
+
+    Attributes:
+        path: The file or folder.
+        log: The log, where it is one.
+        scenario: The scenario.
+        planner: The planner that it names.
+        prior: The belief at planning time.
+        mission: The mission.
+    """
+
+    path: Path
+    log: LogRun | None
+    scenario: Scenario
+    planner: AbstractPlanner
+    prior: Prior
+    mission: Mission
+
+
+def open_run(path: Path, *, quick: bool = False) -> OpenRun:
+    """Read a scenario or log.
+
+    Args:
+        path: The file or folder.
+        quick: Whether robots get fewer candidate paths.
+
+    Returns:
+        What to plan.
+
+    Raises:
+        ScenarioError: If the scenario or log is wrong.
+    """
     log = open_log_run(path) if is_team_past(path) else None
     scenario = read_scenario(path) if log is None else log.scenario
     planner = _find_planner(scenario, Place(path))
     prior = make_prior(scenario, Place(path), None if log is None else log.estimate)
     mission = make_mission(scenario, path, prior)
     asked = mission.options.get("candidates")
-    if options.quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
+    if quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
         fewer = {**mission.options, "candidates": QUICK_CANDIDATES}
         mission = dataclasses.replace(mission, options=fewer)
-    if scenario.simulation is not None and scenario.planner_name == PLANNER:
-        return run_loop_scenario(options, scenario, scenario.simulation, mission, path)
-    options.record({})
-    if options.out is not None:
-        _begin(path, scenario, options.out, log)
-    seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
-    plans: list[Plan] = []
-    for seed in seeds:
-        seeded = dataclasses.replace(mission, seed=seed)
-        with _planning(Place(path), scenario.planner_name):
-            plans.append(planner.plan(seeded, np.random.default_rng(seed), options.progress))
-        options.record({"plans": [plan.to_data() for plan in plans]})
-    figures, note = _draw(mission, plans[0], options.out)
-    estimate = prior.estimate
-    if options.out is not None:
+    return OpenRun(
+        path=path, log=log, scenario=scenario, planner=planner, prior=prior, mission=mission
+    )
+
+
+def outcome_of(
+    run: OpenRun,
+    plans: list[Plan],
+    folder: Path | None,
+    *,
+    results: Mapping[str, Any] | None = None,
+    lines: Sequence[str] = (),
+) -> CommandOutcome:
+    """Draw and write what was planned, and say it.
+
+    Args:
+        run: What was planned.
+        plans: By seed; figures show the first.
+        folder: The run folder; None writes nothing.
+        results: More results.
+        lines: More lines to print.
+
+    Returns:
+        The outcome.
+    """
+    mission, estimate = run.mission, run.prior.estimate
+    figures, note = _draw(mission, plans[0], folder)
+    if folder is not None:
         start_s = 0.0 if estimate is None else plan_start_s(estimate)
-        figures += (write_plans(options.out / PLANS, plans[0], start_s),)
+        figures += (write_plans(folder / PLANS, plans[0], start_s),)
         if estimate is not None:
-            written, left_out = write_past_files(options.out, estimate)
+            written, left_out = write_past_files(folder, estimate)
             figures, note = figures + written, (*note, *left_out)
     return CommandOutcome(
-        results={"plans": [plan.to_data() for plan in plans], **_estimate_results(estimate)},
+        results={
+            "plans": [plan.to_data() for plan in plans],
+            **(results or {}),
+            **_estimate_results(estimate),
+        },
         requirements=(*_requirements(plans), *_estimate_requirements(estimate)),
-        seeds=seeds,
+        seeds=tuple(plan.seed for plan in plans),
         summary=(
-            *past_lines(estimate, log),
+            *past_lines(estimate, run.log),
             *summary_lines(plans[0]),
+            *lines,
             *_over_seeds(plans),
             *_not_simulated(mission),
             *note,
@@ -212,9 +281,18 @@ def _estimate_results(estimate: PastEstimate | None) -> dict[str, Any]:
     }
 
 
-def _begin(path: Path, scenario: Scenario, folder: Path, log: LogRun | None) -> None:
-    """Put the scenario and what it names into the run folder; what an earlier run left goes."""
-    named = () if log is not None else named_files(scenario, path)
+def begin_folder(run: OpenRun, folder: Path) -> None:
+    """Put the scenario and what it names into the run folder; what an earlier run left goes.
+
+    Args:
+        run: What is run.
+        folder: The run folder.
+
+    Raises:
+        InvalidInputError: If it cannot be written.
+    """
+    path, log = run.path, run.log
+    named = () if log is not None else named_files(run.scenario, path)
     sources = [path.parent / name for name in named] if log is None else log.estimate.past.files
     remove_past_files(folder, sources)
     (folder / PLANS).unlink(missing_ok=True)
@@ -237,14 +315,19 @@ def _find_planner(scenario: Scenario, place: Place) -> AbstractPlanner:
 
 
 @contextmanager
-def _planning(place: Place, planner: str) -> Iterator[None]:
-    """Name the scenario in whatever a planner refuses."""
+def planning(run: OpenRun) -> Iterator[None]:
+    """Name the scenario in whatever a planner refuses.
+
+    Args:
+        run: What is planned.
+    """
+    place = Place(run.path)
     try:
         yield
     except NoCandidatePathError as error:
         raise NoCandidatePathError(f"{place.file}: {error}") from error
     except OptionError as error:
-        raise place.at(f"planner.{planner}").error(str(error)) from error
+        raise place.at(f"planner.{run.scenario.planner_name}").error(str(error)) from error
     except MissingExtraError:
         raise
     except (FgplanError, RoadmapError) as error:

@@ -6,7 +6,7 @@ to another, and the plan is made of what all have handed in. Participants are th
 beside them what the planner names (``companions``): a simulated world, say.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,6 +16,7 @@ from fgplan.errors import InvalidInputError
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import AbstractPlanner
+from fgplan.team.admission import RELAYED
 from fgplan.team.envelope import Inbox, Outbox
 from fgplan.team.loop import run_robots
 from fgplan.team.transport import SimulatedTransport
@@ -35,6 +36,9 @@ class RobotProgram:
         progress: How far a state is: parts done, parts in all (0 where not known), of what.
         time_limit_s: Seconds on the network's clock after which it gives up.
         seconds: Real seconds that making it took, by stage.
+        relayed: Kinds of message that a teammate may pass on as another wrote them.
+        session: The only planning session whose messages the network lets through; None leaves
+            that to the step.
     """
 
     robot: str
@@ -45,6 +49,8 @@ class RobotProgram:
     progress: Callable[[Any], tuple[int, int, str]]
     time_limit_s: float = np.inf
     seconds: Mapping[str, float]
+    relayed: Collection[str] = RELAYED
+    session: int | None = None
 
     @property
     def finished(self) -> bool:
@@ -69,6 +75,21 @@ class DistributedPlanner(AbstractPlanner, Protocol):
     """
 
     companions: tuple[str, ...]
+
+    def rehearse(self, mission: Mission, generator: np.random.Generator) -> None:
+        """Run every compiled kernel that programs and ``team_plan`` of the mission need, briefly.
+
+        Called in one process alone before many start: two that compile the same kernel at once can
+        mix up numba's cache. A planner without kernels has nothing to do.
+
+        Args:
+            mission: What is given.
+            generator: As for ``program``.
+
+        Raises:
+            OptionError: If an option is not known or not usable.
+        """
+        ...
 
     def program(self, mission: Mission, robot: str, generator: np.random.Generator) -> RobotProgram:
         """Make the program of one participant.

@@ -27,6 +27,9 @@ from fgplan.planners.program import RobotProgram, participants
 from fgplan.team.communication_graph import CommunicationGraph
 from fgplan.team.in_process import InProcessTransport
 
+REHEARSED_LIMIT = 1e12
+REHEARSED_SWEEPS = 20
+
 if TYPE_CHECKING:
     from fgplan.planners.distributed_aia.search import DistributedResult
     from fgplan.planners.distributed_aia.team_plan import TeamPlan
@@ -124,6 +127,31 @@ class DistributedAiaPlanner:
         return replace(
             _plan_of(mission, team, found),
             traffic={kind: asdict(counts) for kind, counts in kinds.items()},
+        )
+
+    def rehearse(self, mission: Mission, generator: np.random.Generator) -> None:
+        """Run every compiled kernel, briefly; see ``DistributedPlanner``.
+
+        Args:
+            mission: Robots with sensors, and targets.
+            generator: As for ``program``.
+
+        Raises:
+            OptionError: If an option is not known or not usable.
+            InvalidInputError: If the mission is not one of gathering information.
+        """
+        from fgplan.planners.distributed_aia.message_search import search_by_messages
+
+        team = read_mission_team(mission, generator)
+        # With a limit that every node keeps there are plans to claim, replay and report at once.
+        terminal = replace(team.problem.terminal, limit=REHEARSED_LIMIT)
+        names = tuple(robot.name for robot in team.problem.robots)
+        search_by_messages(
+            replace(team.problem, terminal=terminal),
+            replace(team.options, until="budget", iterations=REHEARSED_SWEEPS),
+            team.graph,
+            team.planning,
+            InProcessTransport(names),
         )
 
     def program(self, mission: Mission, robot: str, generator: np.random.Generator) -> RobotProgram:

@@ -51,6 +51,8 @@ from fgplan.planners.program import RobotProgram, participants
 from fgplan.typing import FloatArray
 from roadmaps import Workspace
 
+REHEARSED_SAMPLES = 200
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamOptions:
@@ -131,6 +133,28 @@ class IntermittentPlanner:
             traffic={kind: asdict(counts) for kind, counts in run.traffic.kinds.items()},
             seconds={"plan": time.perf_counter() - began},
         )
+
+    def rehearse(self, mission: Mission, generator: np.random.Generator) -> None:
+        """Run every compiled kernel, briefly; see ``DistributedPlanner``.
+
+        Args:
+            mission: Planar robots with sensors, and targets.
+            generator: As for ``program``.
+
+        Raises:
+            OptionError: If an option is not known or not usable.
+            InvalidInputError: If the mission has no targets, or robots are not planar.
+        """
+        own, segment = read_options(mission.options)
+        few = {
+            "steps": own.every,
+            "samples": min(segment.samples, REHEARSED_SAMPLES),
+            "explore": min(segment.explore, REHEARSED_SAMPLES // 4),
+            # Anywhere within range will do for a meeting, so that there are some.
+            "delta": 1e12,
+            "travel_m": 1e-9,
+        }
+        self.plan(replace(mission, options={**mission.options, **few}), generator)
 
     def program(self, mission: Mission, robot: str, generator: np.random.Generator) -> RobotProgram:
         """Make the program of one robot, or of the world; see ``DistributedPlanner``.
