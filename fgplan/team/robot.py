@@ -28,7 +28,7 @@ from fgplan.team.known_logs import close_turn, take_in
 from fgplan.team.order import most_passed, writers_of
 from fgplan.team.presence import look_round
 from fgplan.team.robot_state import RobotState
-from fgplan.team.status import STATUS, answer, decode_status, status_of
+from fgplan.team.status import STATUS, answer, decode_status, lacks, status_of
 
 BACK_OFF = 3
 """Asks are at most 2^3 times ``repair_after_s`` apart."""
@@ -59,9 +59,10 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
     state = _write_due(state, outgoing)
     moved = state.log is not before.log
     ended = state.over and (moved or not before.over)
-    if appeared or (ended and presence.told):
-        ask = appeared[0] if appeared else ""
-        outgoing.append(Outgoing(status_of(state.setup, state.logs, ask=ask)))
+    if ended and presence.told:
+        outgoing.append(Outgoing(status_of(state.setup, state.logs)))
+    elif before.presence.now_s is not None:
+        outgoing += [Outgoing(status_of(state.setup, state.logs), robot) for robot in appeared]
     began = before.presence.now_s is None
     happened = began or moved or len(state.pending) != len(before.pending)
     return _set_timer(state, outgoing, happened=happened), tuple(outgoing)
@@ -75,8 +76,14 @@ def _take_in(state: RobotState, envelope: Envelope, outgoing: list[Outgoing]) ->
     if envelope.session != setup.options.session or sender not in known:
         return msgspec.structs.replace(state, dropped=state.dropped + 1)
     if envelope.kind == STATUS:
-        status = decode_status(envelope)
-        outgoing += answer(setup, state.logs, envelope, status)
+        status, now_s = decode_status(envelope), state.presence.now_s or 0.0
+        if lacks(state.logs, envelope, status):
+            # One ask at a time: the first answer may be all that is lacking.
+            if now_s >= state.asked_s + setup.options.repair_after_s:
+                state = msgspec.structs.replace(state, asked_s=now_s)
+                outgoing.append(Outgoing(status_of(setup, state.logs, ask=sender), sender))
+        elif status.ask == setup.robot:
+            outgoing += answer(setup, state.logs, envelope, status)
         heads = {**state.heads, sender: envelope.parent}
         return msgspec.structs.replace(state, heads=heads, presence=state.presence.hear(sender))
     before = (state.log, len(state.pending))

@@ -103,10 +103,25 @@ def decode_status(envelope: Envelope) -> Status:
     return status
 
 
+def lacks(logs: KnownLogs, envelope: Envelope, status: Status) -> bool:
+    """Whether a teammate has a better log, unknown here.
+
+    Args:
+        logs: What this robot has heard.
+        envelope: The teammate's status.
+        status: Its content.
+
+    Returns:
+        Whether this robot should ask it.
+    """
+    unknown = envelope.parent not in logs.known
+    return unknown and status.preference(envelope) > logs.current.preference
+
+
 def answer(
     setup: RobotSetup, logs: KnownLogs, envelope: Envelope, status: Status
 ) -> list[Outgoing]:
-    """What this robot sends to one that has told how far it has come.
+    """Answer a teammate that has asked this robot.
 
     Args:
         setup: What this robot knows.
@@ -115,16 +130,8 @@ def answer(
         status: Its content.
 
     Returns:
-        To one that asks this robot: entries that it lacks, or this robot's own status if it lacks
-        none. To one that has a better log, unknown here: this robot's status, asking.
+        Entries that it lacks, or this robot's own status if it lacks none.
     """
-    asked = status.ask == setup.robot
-    theirs = logs.known.get(envelope.parent)
-    if theirs is None and status.preference(envelope) > logs.current.preference:
-        return [Outgoing(status_of(setup, logs, ask=envelope.robot), envelope.robot)]
-    if not asked:
-        return []
-    sent = entries_for(logs, theirs or logs.known[b""], status.holds, ANSWER_LIMIT)
-    if not sent:
-        return [Outgoing(status_of(setup, logs), envelope.robot)]
-    return [Outgoing(entry, envelope.robot) for entry in sent]
+    theirs = logs.known.get(envelope.parent, logs.known[b""])
+    sent = entries_for(logs, theirs, status.holds, ANSWER_LIMIT) or (status_of(setup, logs),)
+    return [Outgoing(message, envelope.robot) for message in sent]
