@@ -1,8 +1,8 @@
 """A Monte Carlo study on a Dask cluster: one scenario planned on a new roadmap for every seed.
 
 Needs `pip install 'fgplan[cluster]'`. Here the cluster is two processes of this machine; on real
-clusters only the line with LocalCluster changes (docs/cluster.md). Stop it when you like: run again
-with the same folder, it goes on. Run it from anywhere: `python examples/18_sweep_on_dask.py [FOLDER]`.
+clusters only LocalCluster is replaced (docs/cluster.md). Stop it when you like: the same folder
+goes on. Run it from anywhere: `python examples/18_sweep_on_dask.py [FOLDER]`.
 """
 
 import logging

@@ -29,7 +29,7 @@ def draw(task):
             mark.touch()
             kind = "always"
     if kind == "always":
-        time.sleep(0.2)  # until others are held by the same worker
+        time.sleep(task.arguments.get("seconds", 0.0))
         os.kill(os.getpid(), signal.SIGKILL)
     if kind == "slow":
         time.sleep(task.arguments["seconds"])
@@ -117,7 +117,8 @@ class GivenUp(distributed.diagnostics.plugin.SchedulerPlugin):
 @pytest.mark.full
 def test_innocent_tasks_that_dask_gives_up_with_a_killer_are_done(tmp_path):
     """One worker holds all, and no failure is allowed: dask gives up whatever it held."""
-    tasks = [SweepTask(seed=60, arguments={"kind": "always"}), *tasks_of(4)]
+    # A second, in which the worker is given the others.
+    tasks = [SweepTask(seed=60, arguments={"kind": "always", "seconds": 1.0}), *tasks_of(4)]
     noted = GivenUp()
     with (
         cluster(1, allowed_failures=0, saturation=float("inf")) as made,
