@@ -7,13 +7,13 @@ of f(1) gave 1 result). Equal tasks are therefore refused.
 Each task ends as one line of JSON, appended and flushed as it finishes; a second run skips tasks
 whose digest is done. A task that raises is recorded as failed, and one that takes its worker down
 with it (killed, out of memory) as killed; both cost only themselves and are tried again by the
-next run. A broken pool does not say who broke it: the tasks that were under way are run again one
-by one, and the one that breaks a pool of its own is it.
+next run. A broken pool does not say who broke it, nor does a cluster that gives up a task after its
+workers ended: such tasks are run again at the end, one by one, and the one whose worker ends while
+nothing else runs is it.
 """
 
 import hashlib
 import json
-import multiprocessing
 import os
 import time
 import traceback
@@ -24,7 +24,6 @@ from concurrent.futures import (
     BrokenExecutor,
     Executor,
     Future,
-    ProcessPoolExecutor,
     wait,
 )
 from dataclasses import dataclass, field
@@ -32,10 +31,17 @@ from pathlib import Path
 from typing import Any, Literal, TextIO
 
 from fgplan.errors import InvalidInputError
+from fgplan.simulation.sweep_pool import SweepPool, ended_worker, went_with_executor
 
 SWEEP_SCHEMA = "sweep.v1"
 
 Status = Literal["done", "failed", "killed"]
+
+_Outcome = tuple[Any, str, float]
+"""Result, traceback if it raised, seconds."""
+
+_LAST_RESULTS_S = 10.0
+"""How long results are waited for that may still come from an executor that broke."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +135,8 @@ def run_sweep(
         tasks: Distinct tasks, each with its seed.
         function: Takes a task, returns plain data (JSON). It is sent to workers, so it must be
             importable; it must draw random numbers from the task's seed alone.
-        executor: Any executor, left open; None makes a pool of spawned processes.
+        executor: Any executor, left open; None makes a pool of spawned processes. Dask's is
+            ``client.get_executor(pure=False)``.
         out: File of JSON lines; its folder is made, and what it holds is not run again.
         workers: Processes of the pool made here, and half of how many tasks are handed to an
             executor at a time; None takes the number of cores.
@@ -140,7 +147,8 @@ def run_sweep(
 
     Raises:
         InvalidInputError: If two tasks are equal, an argument is not plain data, the file is not a
-            sweep's, or the caller's own executor broke (run again: what is done is kept).
+            sweep's, or the caller's own executor broke, was shut down or lost its cluster (run
+            again: what is done is kept).
     """
     listed = list(tasks)
     by_digest = {task.digest: task for task in listed}
@@ -156,7 +164,7 @@ def run_sweep(
     skipped = len(by_digest) - len(waiting)
     _end_last_line(path)
     with path.open("a", encoding="utf-8") as stream:
-        pool = _Pool(executor, workers or os.cpu_count() or 1)
+        pool = SweepPool(executor, workers or os.cpu_count() or 1)
         try:
             for record in _finished(waiting, by_digest, function, pool):
                 records[record.digest] = record
@@ -209,100 +217,55 @@ def read_sweep(path: str | Path) -> dict[str, SweepRecord]:
     return records
 
 
-class _Pool:
-    """The caller's executor, or one made here that is made again when it breaks."""
-
-    def __init__(self, given: Executor | None, workers: int) -> None:
-        self.given, self.workers = given, workers
-        self.made: Executor | None = None
-
-    def submit(
-        self, function: Callable[[SweepTask], Any], task: SweepTask
-    ) -> "Future[tuple[Any, str, float]]":
-        """Hand one task over."""
-        executor = self.given
-        if executor is None:
-            if self.made is None:
-                context = multiprocessing.get_context("spawn")
-                self.made = ProcessPoolExecutor(self.workers, mp_context=context)
-            executor = self.made
-        return executor.submit(_run_one, function, task)
-
-    def renew(self) -> None:
-        """Forget a broken pool."""
-        if self.given is not None:
-            raise InvalidInputError(
-                "sweep: the executor broke (a worker was killed); what is done is kept: make a new "
-                "executor and run again, or leave it out, so that broken pools are replaced"
-            )
-        self.close()
-
-    def close(self) -> None:
-        """End the pool that was made here; what has not begun is not run."""
-        if self.made is not None:
-            self.made.shutdown(wait=True, cancel_futures=True)
-            self.made = None
-
-
 def _finished(
     waiting: deque[str],
     tasks: Mapping[str, SweepTask],
     function: Callable[[SweepTask], Any],
-    pool: _Pool,
+    pool: SweepPool,
 ) -> Iterable[SweepRecord]:
     """Records as tasks finish."""
-    under_way: dict[Future[tuple[Any, str, float]], str] = {}
+    under_way: dict[Future[_Outcome], str] = {}
     suspects: deque[str] = deque()
     while waiting or suspects or under_way:
-        # Suspects run alone, so that the next break says who it was.
-        alone = bool(suspects)
-        room = (1 if alone else 2 * pool.workers) - len(under_way)
+        # Suspects run last and alone, so that the next worker that ends says who it was.
+        alone = not waiting and not under_way
         source = suspects if alone else waiting
-        broke: list[str] = []
+        room = 1 if alone else 2 * pool.workers - len(under_way)
         for _ in range(min(room, len(source))):
             digest = source.popleft()
             try:
-                under_way[pool.submit(function, tasks[digest])] = digest
+                under_way[pool.submit(_run_one, function, tasks[digest])] = digest
             except BrokenExecutor:  # broke between two tasks: this one has not begun
                 source.appendleft(digest)
                 break
         ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
+        gone = not ready
+        if any(went_with_executor(future) for future in ready):
+            gone = True
+            # Those of a broken pool end with it; what a cluster was given while it went may not.
+            ready, _ = wait(under_way, timeout=_LAST_RESULTS_S)
         for future in ready:
             digest = under_way.pop(future)
-            try:
-                result, error, seconds = future.result()
-            except BrokenExecutor as reason:
-                if alone:
-                    text = f"the worker ended: {reason}"
-                    yield SweepRecord(digest, tasks[digest], "killed", error=text)
-                broke.append(digest)
-                continue
-            except Exception:  # noqa: BLE001 - whatever the way there and back raised is recorded
-                text = traceback.format_exc()
-                yield SweepRecord(digest, tasks[digest], "failed", error=text)
-                continue
-            yield _record(digest, tasks[digest], result, error, seconds)
-        if broke or not ready:
-            wait(under_way)
-            for future, digest in under_way.items():
-                if future.exception() is None:  # came back before the pool broke
-                    yield _record(digest, tasks[digest], *future.result())
-                else:
-                    broke.append(digest)
+            ended = ended_worker(future)
+            if ended and alone:
+                text = f"the worker ended: {future.exception()}"
+                yield SweepRecord(digest, tasks[digest], "killed", error=text)
+            elif ended or went_with_executor(future):
+                suspects.append(digest)
+            else:
+                yield _record(digest, tasks[digest], future)
+        if gone:
+            suspects.extend(under_way.values())
             under_way.clear()
-            if not alone:
-                suspects.extend(broke)
             pool.renew()
 
 
-def _record(
-    digest: str,
-    task: SweepTask,
-    result: Any,  # noqa: ANN401 - the user's
-    error: str,
-    seconds: float,
-) -> SweepRecord:
-    """Record of a task that came back."""
+def _record(digest: str, task: SweepTask, future: "Future[_Outcome]") -> SweepRecord:
+    """Record of a task that came back or could not."""
+    try:
+        result, error, seconds = future.result()
+    except Exception:  # noqa: BLE001 - whatever the way there and back raised is recorded
+        return SweepRecord(digest, task, "failed", error=traceback.format_exc())
     if error:
         return SweepRecord(digest, task, "failed", error=error, seconds=seconds)
     try:
@@ -313,12 +276,12 @@ def _record(
     return SweepRecord(digest, task, "done", result=result, seconds=seconds)
 
 
-def _run_one(function: Callable[[SweepTask], Any], task: SweepTask) -> tuple[Any, str, float]:
+def _run_one(function: Callable[[SweepTask], Any], task: SweepTask) -> _Outcome:
     """In the worker: result, traceback if it raised, seconds."""
     began = time.perf_counter()
     try:
         return function(task), "", time.perf_counter() - began
-    except Exception:  # noqa: BLE001 - a failing task costs only itself
+    except (Exception, SystemExit):  # noqa: BLE001 - a failing task costs only itself
         return None, traceback.format_exc(), time.perf_counter() - began
 
 

@@ -4,7 +4,8 @@ import json
 import multiprocessing
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+import sys
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ def draw(task):
         raise ValueError(f"seed {task.seed} is unlucky")
     if kind == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
+    if kind == "exit":
+        sys.exit(f"seed {task.seed} goes")
     if kind == "object":
         return object()
     if kind == "nan":
@@ -110,6 +113,56 @@ def test_results_are_on_disk_as_they_finish(tmp_path):
             progress=lambda *_: seen.append(len(read_sweep(out))),
         )
     assert seen == [1, 2, 3]
+
+
+class OneWorkerCluster(Executor):
+    """As dask with one worker that holds four tasks: a killer takes all of them with it."""
+
+    def __init__(self):
+        self.held = []
+        self.lost = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.held.append((future, fn, args))
+        # Alone, or when four are held: the worker works through them.
+        if len(self.held) == 4 or self.lost:
+            if any(given[1].arguments for _, _, given in self.held):
+                for lost, _, given in self.held:
+                    self.lost.append(given[1].seed)
+                    lost.set_exception(KilledWorker("a worker died"))
+            else:
+                for done, call, given in self.held:
+                    done.set_result(call(*given))
+            self.held = []
+        return future
+
+
+KilledWorker = type("KilledWorker", (Exception,), {"__module__": "distributed.scheduler"})
+
+
+def test_tasks_that_a_cluster_gives_up_are_run_again_alone(tmp_path):
+    tasks = [*tasks_of(2), SweepTask(seed=60, arguments={"kind": "kill"}), SweepTask(seed=2)]
+    cluster = OneWorkerCluster()
+    summary = run_sweep(tasks, draw, cluster, out=tmp_path / "sweep.jsonl", workers=2)
+    assert cluster.lost == [0, 1, 60, 2, 60]
+    assert [record.status for record in summary.records] == ["done", "done", "killed", "done"]
+    assert summary.records[2].error == "the worker ended: a worker died"
+
+
+def test_task_that_exits_is_a_failure(tmp_path):
+    tasks = [SweepTask(seed=4, arguments={"kind": "exit"}), SweepTask(seed=1)]
+    with ThreadPoolExecutor(1) as executor:
+        summary = run_sweep(tasks, draw, executor, out=tmp_path / "sweep.jsonl")
+    assert [record.status for record in summary.records] == ["failed", "done"]
+    assert "seed 4 goes" in summary.records[0].error
+
+
+def test_executor_that_was_shut_down_is_said(tmp_path):
+    executor = ThreadPoolExecutor(1)
+    executor.shutdown()
+    with pytest.raises(InvalidInputError, match="it was shut down"):
+        run_sweep(tasks_of(2), draw, executor, out=tmp_path / "sweep.jsonl")
 
 
 def test_results_must_be_plain_data(tmp_path):
