@@ -58,9 +58,7 @@ def test_a_robot_that_holds_the_lock_for_seconds_blocks_nobody_and_loses_nothing
 def test_killed_frozen_and_back(pair, listens):
     endpoint, start = pair
     child = start(listens=listens)
-    options = NetworkOptions(
-        **{("connect" if listens else "listen"): (endpoint,)}, lease_s=LEASE_S
-    )
+    options = NetworkOptions(**{("connect" if listens else "listen"): (endpoint,)}, lease_s=LEASE_S)
     with ZenohTransport("ann", ROBOTS, options) as ann:
         assert child.says()["ready"]
         eventually(lambda: ann.present("ann") == {"bob"})
