@@ -56,6 +56,9 @@ BENCHES: dict[str, RegisteredCommand] = {
         "fgplan.bench.distributed_aia:run",
         "an iteration of planner distributed_aia for 10 to 100 robots, and its messages",
     ),
+    "team": RegisteredCommand(
+        "fgplan.bench.team:run", "agreeing in process and over zenoh: time, bytes, same result"
+    ),
     "intermittent": RegisteredCommand(
         "fgplan.bench.intermittent:run", "plans of small teams to their next meeting"
     ),
