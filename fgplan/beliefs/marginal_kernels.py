@@ -5,8 +5,8 @@ of shape (d, d + separator). Plain Python over arrays: the same numbers with NUM
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 

@@ -8,8 +8,8 @@ that its rows touch).
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 

@@ -17,8 +17,8 @@ w'w + (w'Y) I_v^-1 (w'Y)', any other variable g: B_g I_v^-1 B_g'.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.evaluation.incremental.candidate_table import MotionBlocks
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.typing import FloatArray, IntArray

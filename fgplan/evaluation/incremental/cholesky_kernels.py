@@ -1,9 +1,9 @@
 """Compiled: Cholesky factors of full matrices and of those with a skyline."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 

@@ -1,8 +1,8 @@
 """Compiled: which rows of a table are the same."""
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.typing import IntArray
 
 

@@ -6,8 +6,8 @@ For h = x1^-1 x2 with whitened rows A1 = -W Ad(h^-1), A2 = W and W'W = Omega the
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 

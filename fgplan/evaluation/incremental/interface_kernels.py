@@ -11,8 +11,8 @@ twice for a plain 0, once for the literal and once for what it becomes.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.typing import FloatArray, IntArray
 

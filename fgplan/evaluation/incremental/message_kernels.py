@@ -26,8 +26,8 @@ path is evaluated by QR.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.evaluation.incremental.candidate_table import MotionBlocks
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky_skyline, inverse_skyline
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks

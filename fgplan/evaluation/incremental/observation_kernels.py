@@ -10,8 +10,8 @@ noise: the same rows as fgplan.models.range_bearing.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.typing import BoolArray, FloatArray
 
 

@@ -1,7 +1,6 @@
 """Compiled: information blocks added into one matrix."""
 
-from numba import njit
-
+from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 

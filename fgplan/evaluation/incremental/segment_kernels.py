@@ -6,8 +6,8 @@ from its segments has the rows of a path built whole.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.evaluation.incremental.candidate_table import MotionBlocks
 from fgplan.evaluation.incremental.factor_blocks import FactorBlocks
 from fgplan.evaluation.incremental.interface_kernels import (

@@ -15,8 +15,8 @@ than 1e4 times the pivot, the candidate is flagged and evaluated by QR.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.evaluation.incremental.cholesky_kernels import cholesky
 from fgplan.evaluation.incremental.message_pool import MessagePool
 from fgplan.typing import FloatArray, IntArray

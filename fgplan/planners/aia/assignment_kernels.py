@@ -10,9 +10,9 @@ geodesic distance, and of keeping an assignment where every target is satisfied,
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray, IntArray
 

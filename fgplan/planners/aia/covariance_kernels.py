@@ -13,8 +13,8 @@ are those of ``fgplan.riccati.block_diagonal`` (a test compares them), with the 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray
 

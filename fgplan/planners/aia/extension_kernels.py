@@ -4,8 +4,8 @@ Nothing is allocated here, see ``compilation``.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.assignment_kernels import assign_targets
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import (

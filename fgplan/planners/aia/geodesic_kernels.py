@@ -8,8 +8,8 @@ nearly every cell waits once, for a shortest way round few obstacles has the few
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, motion_free
 from fgplan.typing import BoolArray, FloatArray, IntArray

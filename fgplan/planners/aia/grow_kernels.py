@@ -1,8 +1,8 @@
 """Compiled: the loop of Algorithm 1 of Kantaros et al. 2019, lines 2 to 17."""
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.extension_kernels import extend_group
 from fgplan.planners.aia.pose_kernels import ENTRY_COUNT, POSE_COUNT, Poses
 from fgplan.planners.aia.sampling_kernels import (

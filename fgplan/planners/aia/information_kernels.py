@@ -14,8 +14,8 @@ and nothing out of range, field of view or line of sight. Each is the W'W of the
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, in_sight
 from fgplan.planners.aia.pose_kernels import ENTRY_COUNT, Poses

@@ -8,8 +8,8 @@ crosses an odd number of edges) or it comes within the clearance of an edge.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray, IntArray
 

@@ -9,8 +9,8 @@ sensors; a row belongs to one kind. Where poses recur, what a row leads to is re
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, motion_free
 from fgplan.typing import BoolArray, FloatArray, IntArray

@@ -1,8 +1,8 @@
 """Compiled: hash tables filled anew after their arrays have grown."""
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.pose_kernels import POSE_COUNT, Poses, place_of
 from fgplan.planners.aia.tree_kernels import GROUPS, Tree, find_group
 

@@ -14,8 +14,8 @@ each robot, two or more for the group.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import read_numbers, shortfall_of
 from fgplan.planners.aia.pose_kernels import (

@@ -14,8 +14,8 @@ of the same time, or of any time where the hidden state does not vary with time.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.assignment_kernels import Fields
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import Criteria, Dynamics

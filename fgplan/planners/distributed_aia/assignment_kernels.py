@@ -8,9 +8,9 @@ is taken where neighbours go for all of them, are reconstructed.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, IntArray
 

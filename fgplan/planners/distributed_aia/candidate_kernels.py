@@ -10,8 +10,7 @@ child by child, f_C each time, until its depth is t again or it has no child, ``
 most.
 """
 
-from numba import njit
-
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.distributed_aia.stream import Stream
 from fgplan.typing import FloatArray, IntArray

@@ -8,8 +8,8 @@ same nodes of the neighbours is not extended again: V is a set.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import (
     predict_row,

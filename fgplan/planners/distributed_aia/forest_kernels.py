@@ -13,8 +13,8 @@ greatest number down, whatever the order in which they arrived.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.typing import BoolArray, FloatArray, IntArray
 

@@ -12,8 +12,8 @@ left behind for good (its node never gets a child) would undo all that the robot
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.covariance_kernels import Dynamics, measure_row, predict_row
 from fgplan.typing import BoolArray, FloatArray

@@ -5,8 +5,8 @@ have at t, and none lags.
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.covariance_kernels import (
     predict_row,
     read_numbers,

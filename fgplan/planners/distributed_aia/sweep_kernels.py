@@ -7,8 +7,7 @@ What is called in one place is inlined: LLVM optimises every level of calls anew
 long again to compile.
 """
 
-from numba import njit
-
+from fgplan.compiling import njit
 from fgplan.planners.aia.assignment_kernels import Fields
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.pose_kernels import ENTRY_COUNT, POSE_COUNT, Poses

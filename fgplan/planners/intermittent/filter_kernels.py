@@ -9,8 +9,8 @@ changes nothing but the last digit.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles
 from fgplan.planners.intermittent.measurement_kernels import (

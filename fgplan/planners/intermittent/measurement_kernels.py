@@ -15,8 +15,8 @@ and rows that are linearised at the same state may come in any order: this equal
 """
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, in_sight
 from fgplan.typing import FloatArray

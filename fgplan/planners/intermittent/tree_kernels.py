@@ -16,8 +16,8 @@ others what is left of it after their lead; a body with more lead than that stay
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
 from fgplan.planners.aia.obstacle_kernels import Obstacles, motion_free
 from fgplan.planners.intermittent.filter_kernels import Targets, copy_matrix, follow_places
