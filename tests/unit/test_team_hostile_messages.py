@@ -1,6 +1,5 @@
 """Whatever arrives, the steps of all planners refuse or take it; nothing is left half done."""
 
-import copy
 import time
 from collections import Counter
 
@@ -37,7 +36,7 @@ TAKEN_LIMIT = 20
 """A scene in which so many messages were taken in is set up anew."""
 
 
-def in_the_middle(name, states, step, steps, *, open_turn=None):
+def in_the_middle(name, states, step, steps):
     """Run a team by hand for so many steps; the first robot, and what there is to say to it."""
     robots, victim = tuple(states), next(iter(states))
     mail = {robot: [] for robot in robots}
@@ -150,8 +149,7 @@ def under_fire(planner, count, seed):
     """Send so many hostile messages; how many of each sort were taken in, and the slowest."""
     build, stages = SCENES[planner]
     generator = np.random.default_rng(seed)
-    fresh = [build(stage) for stage in stages]
-    targets = [Target(copy.deepcopy(scene)) for scene in fresh]
+    targets = [Target(build(stage)) for stage in stages]
     ways = [*MUST.items(), *MAY.items()]
     taken, sent, slowest_s = Counter(), Counter(), 0.0
     for number in range(count):
@@ -171,7 +169,7 @@ def under_fire(planner, count, seed):
         slowest_s = max(slowest_s, time.perf_counter() - began)
         sent[sort] += 1
         if target.taken >= TAKEN_LIMIT:
-            targets[place] = Target(copy.deepcopy(fresh[place]))
+            targets[place] = Target(build(stages[place]))
     return sent, taken, slowest_s
 
 
