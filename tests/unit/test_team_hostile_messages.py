@@ -110,38 +110,36 @@ def intermittent_scene(meetings):
                     if other == victim:
                         letters.append((name, letter))
 
+    def talk():
+        while any(mail.values()):
+            for name in setup.robots:
+                waiting, mail[name] = mail[name], []
+                if waiting:
+                    step(name, *waiting)
+
     for now in range(1, 61):
+        letters.clear()
         for row, name in enumerate(setup.robots):
             place = intermittent.place_at(states[name], now)
             readings = setup.model.measure(row, truth.states[now], place, truth.normals[now, row])
             record = Record(now, (float(place[0]), float(place[1])), readings)
             step(name, wrap(name, 0, now, Sensed(record)))
-        scene = Scene(
-            "intermittent", victim, setup.robots, intermittent.step, states[victim], letters[-30:]
-        )
-        if (
-            letters
-            and states[victim].phase == "meeting"
-            and len(states[victim].meetings) >= meetings
-        ):
-            return scene
-        while any(mail.values()):
+        before = states[victim]
+        talk()
+        for _ in range(2):  # who leads plans, and tells the others
             for name in setup.robots:
-                waiting, mail[name] = mail[name], []
-                step(name, *waiting) if waiting else None
-        for name in setup.robots:
-            step(name)
-        while any(mail.values()):
-            for name in setup.robots:
-                waiting, mail[name] = mail[name], []
-                step(name, *waiting) if waiting else None
+                step(name)
+            talk()
+        ours = [letter for letter in letters if letter[1].session == before.leg.team]
+        if ours and before.phase == "meeting" and len(before.meetings) >= meetings:
+            return Scene("intermittent", victim, setup.robots, intermittent.step, before, ours)
     raise AssertionError("expected a meeting")
 
 
 SCENES = {
     "impacted paths": (agreeing_scene, (2, 4, 6, 9)),
-    "distributed AIA": (distributed_scene, (7, 30, 90)),
-    "intermittent": (intermittent_scene, (0, 1)),
+    "distributed AIA": (distributed_scene, (3, 6, 9, 13)),
+    "intermittent": (intermittent_scene, (0, 1, 2)),
 }
 
 
