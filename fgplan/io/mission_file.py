@@ -12,7 +12,6 @@ import msgspec
 import numpy as np
 
 from fgplan.errors import ScenarioError
-from fgplan.io.network_table import make_network
 from fgplan.io.objective_table import make_objective
 from fgplan.io.place import Place
 from fgplan.io.prior_table import Prior, make_prior
@@ -86,7 +85,6 @@ def make_mission(scenario: Scenario, path: Path, prior: Prior | None = None) -> 
     objective = make_objective(scenario, prior, place)
     _check_between(multi_robot, prior, place)
     _check_communication(scenario, place)
-    make_network(scenario, path)
     targets = tuple(
         _make_target(target, place.at(f"targets[{index}]", f"target {target.name!r}"))
         for index, target in enumerate(scenario.targets)
@@ -120,9 +118,7 @@ def scenario_digest(scenario: Scenario, workspace: Workspace, prior: Prior) -> s
     Returns:
         64 hexadecimal digits.
     """
-    plain = msgspec.to_builtins(scenario)
-    del plain["team"]["network"]  # how robots reach each other decides nothing
-    canonical = msgspec.json.encode(plain, order="sorted")
+    canonical = msgspec.json.encode(scenario, order="sorted")
     content = hashlib.sha256(b"fgplan scenario 1" + canonical)
     if workspace.grid is not None:
         content.update(workspace.grid.occupancy.tobytes())

@@ -30,9 +30,7 @@ def named_files(scenario: Scenario, path: Path) -> tuple[Path, ...]:
     """
     folder = path.parent
     found: set[Path] = set()
-    tables = msgspec.to_builtins(scenario)
-    del tables["team"]["network"]  # certificates and private keys stay where they are
-    for text in _texts(tables):
+    for text in _texts(msgspec.to_builtins(scenario)):
         if is_object_name(text):
             found |= _module_files(folder, text.partition(":")[0])
         elif _is_file_below(folder, text):

@@ -188,8 +188,7 @@ class TeamTable(Table, frozen=True):
         tolerance: Relative improvement below which a robot keeps its path.
         include_past: Whether past poses take part in multi-robot factors.
         without_path: A robot whose goal cannot be reached is an error, or it stays at its start.
-        communication: Faults of the simulated network; a perfect one if left out.
-        network: How robots that are processes reach each other: ``fgplan.team.network_options``.
+        communication: Faults of the network; a perfect one if left out.
     """
 
     multi_robot: tuple[MultiRobotTable, ...] = ()
@@ -198,7 +197,6 @@ class TeamTable(Table, frozen=True):
     include_past: bool = True
     without_path: Literal["refuse", "stay"] | None = None
     communication: CommunicationTable | None = None
-    network: dict[str, Any] = field(default_factory=dict)
 
 
 class IndependentPrior(Table, frozen=True, tag_field="kind", tag="independent"):
