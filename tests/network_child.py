@@ -18,7 +18,8 @@ from fgplan.team.zenoh_transport import ZenohTransport
 
 
 def say(**what):
-    print(json.dumps(what), flush=True)
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
 
 
 def hold(network, seconds):

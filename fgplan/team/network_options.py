@@ -31,7 +31,9 @@ class NetworkOptions:
         listen: Endpoints ``tcp/HOST:PORT``, or ``tls/HOST:PORT`` with certificates; port 0 is one
             that the system chooses. Empty is port 0 on the loopback. Every robot listens: peers do
             not relay for each other.
-        connect: Endpoints of teammates; one that is up is enough, it tells of the others.
+        connect: Endpoints of teammates. One is enough to join, it tells of the others; but robots
+            that know each other only through one that is gone do not find each other again after
+            a cut, so name all that are known. Its own in the list does no harm.
         public: Whether addresses that other machines can reach, and multicast, are wanted.
         multicast: Whether to look for teammates by multicast too.
         lease_s: Seconds of silence after which a frozen or cut-off robot counts as gone; one that

@@ -49,7 +49,8 @@ def zenoh_settings(robot: str, robots: Sequence[str], options: NetworkOptions) -
     settings: dict[str, Any] = {
         "mode": "peer",
         "listen/endpoints": list(options.listen),
-        "connect/endpoints": list(options.connect),
+        # Its own address may be in a list that is the same for all.
+        "connect/endpoints": [end for end in options.connect if end not in options.listen],
         # A teammate that is not there yet is tried again for ever; open() does not wait for it.
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,

@@ -177,4 +177,4 @@ def test_three_endpoints_gather_and_leave_together():
             thread.join(15.0)
     assert {robot: end.finished for robot, end in ends.items()} == dict.fromkeys(ROBOTS, True)
     assert ends["ann"].numbers == ends["bob"].numbers == ends["carl"].numbers
-    assert refused == dict.fromkeys(ROBOTS, {})
+    assert refused == {name: {} for name in ROBOTS}

@@ -141,6 +141,25 @@ class BlockModel:
         del robot
         return int(self.table.shape[1]) * len(self.hidden.blocks)
 
+    def reading_size(self, robot: int, index: int, state: FloatArray, position: FloatArray) -> int:
+        """Numbers that a measurement has; none where the robot has no such sensor.
+
+        Args:
+            robot: Its row.
+            index: Of the thing measured.
+            state: Any state, shape (n,).
+            position: Any place, shape (2,), metres.
+
+        Returns:
+            Size of the sensor's prediction.
+        """
+        carried, count = self.sensors[robot], len(self.hidden.blocks)
+        if index // count >= len(carried):
+            return 0
+        target = np.asarray(state).reshape(count, -1)[index % count]
+        with np.errstate(all="ignore"):
+            return int(np.size(carried[index // count].predict(np.array([*position, 0.0]), target)))
+
     def measure(
         self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
     ) -> tuple[tuple[int, tuple[float, ...]], ...]:

@@ -125,6 +125,21 @@ class DenseModel:
         """
         return len(self.observations[robot])
 
+    def reading_size(self, robot: int, index: int, state: FloatArray, position: FloatArray) -> int:
+        """Numbers that a measurement has.
+
+        Args:
+            robot: Its row.
+            index: Of the observation.
+            state: Any state, shape (n,).
+            position: Any place, shape (2,), metres.
+
+        Returns:
+            Size of the observation's prediction.
+        """
+        with np.errstate(all="ignore"):
+            return int(np.size(self.observations[robot][index].predict(state, position)))
+
     def measure(
         self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
     ) -> tuple[tuple[int, tuple[float, ...]], ...]:

@@ -5,6 +5,7 @@ the ways that it has agreed on with other teams; ``agreed`` carries the ways to 
 meeting, and everything known once more, so that whoever has it has all.
 """
 
+import math
 from typing import Annotated, Any
 
 import msgspec
@@ -95,7 +96,7 @@ def array_of(numbers: Numbers) -> FloatArray:
     Raises:
         InvalidInputError: If the bytes do not fit the shape, or a number is not finite.
     """
-    wanted = 8 * int(np.prod(numbers.shape, dtype=np.int64))
+    wanted = 8 * math.prod(numbers.shape)
     if len(numbers.data) != wanted:
         raise InvalidInputError(
             f"message: expected {wanted} bytes for shape {numbers.shape}, got {len(numbers.data)}"

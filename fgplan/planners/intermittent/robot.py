@@ -18,6 +18,7 @@ lost and nothing counted twice. A robot that is late takes the short way to the 
 import msgspec
 import numpy as np
 
+from fgplan.errors import InvalidInputError
 from fgplan.planners.intermittent.knowledge import forget, fuse, join, remember
 from fgplan.planners.intermittent.leg import Leg, departed, departed_in_turn
 from fgplan.planners.intermittent.message import (
@@ -32,6 +33,7 @@ from fgplan.planners.intermittent.message import (
     unwrap,
     wrap,
 )
+from fgplan.planners.intermittent.message_check import check_message
 from fgplan.planners.intermittent.robot_state import MeetingRecord, RobotState
 from fgplan.planners.intermittent.segment import Segment
 from fgplan.planners.intermittent.segment_problem import SegmentProblem
@@ -58,14 +60,21 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
     for envelope in inbox.envelopes:
         content = unwrap(envelope)
         if isinstance(content, Sensed):
+            if envelope.robot != state.robot:
+                raise InvalidInputError(
+                    f"message 'sensed' of robot {envelope.robot!r}: expected what the own sensors "
+                    f"of robot {state.robot!r} say"
+                )
             state = _sense(state, content)
             state, news = _enter(state)
         elif envelope.session != state.leg.team or state.phase != "meeting":
             continue  # of another team that meets nearby, or of a meeting that is over
-        elif isinstance(content, Known):
-            state, news = _listen(state, content)
         else:
-            state, news = _agree(state, content, _NOT_PLANNED)
+            check_message(state, envelope.robot, content)
+            if isinstance(content, Known):
+                state, news = _listen(state, content)
+            else:
+                state, news = _agree(state, content, _NOT_PLANNED)
         outgoing += news
     if state.phase == "meeting" and not inbox.envelopes:
         if len(state.offers) == len(_members(state)):

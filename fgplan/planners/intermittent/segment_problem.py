@@ -46,6 +46,9 @@ class StateModel(Protocol):
     def observation_count(self, robot: int) -> int:
         """Number of things that a robot can measure."""
 
+    def reading_size(self, robot: int, index: int, state: FloatArray, position: FloatArray) -> int:
+        """Numbers that a measurement of one of those things has."""
+
     def measure(
         self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
     ) -> tuple[tuple[int, tuple[float, ...]], ...]:
