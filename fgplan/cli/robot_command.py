@@ -16,8 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from fgplan.cli.run_command import open_run, planning
-from fgplan.cli.team_command import distributed_planner
+from fgplan.cli.open_run import distributed_planner, open_run, planning
 from fgplan.io.network_table import make_network
 from fgplan.io.place import Place
 from fgplan.planners.planner import Progress

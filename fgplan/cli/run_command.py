@@ -7,49 +7,30 @@ which goes into the run folder: see fgplan/io/past_scenario.py for its rules.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fgplan.cli.loop_command import run_loop_scenario
+from fgplan.cli.open_run import OpenRun, begin_folder, open_run, planning
 from fgplan.cli.run_figures import draw_run_figures
-from fgplan.cli.run_past import LogRun, copy_log_run, open_log_run, past_lines
+from fgplan.cli.run_past import past_lines
 from fgplan.cli.run_recording import record_run
 from fgplan.errors import (
-    FgplanError,
     MissingExtraError,
-    NoCandidatePathError,
-    OptionError,
-    ScenarioError,
 )
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.loop_mission import PLANNER
-from fgplan.io.mission_file import make_mission
-from fgplan.io.named_files import named_files
 from fgplan.io.past_estimate import PastEstimate
-from fgplan.io.past_files import plan_start_s, remove_past_files, write_past_files
-from fgplan.io.past_formats import is_team_past
-from fgplan.io.place import Place
+from fgplan.io.past_files import plan_start_s, write_past_files
 from fgplan.io.plan_file import PLANS, write_plans
-from fgplan.io.prior_table import Prior, make_prior
 from fgplan.io.result_file import Requirement, require_true
-from fgplan.io.run_folder import begin_run, write_record
-from fgplan.io.scenario import Scenario
-from fgplan.io.scenario_file import read_scenario
-from fgplan.io.user_object import is_object_name, load_object
+from fgplan.io.run_folder import write_record
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan, RobotPlan
-from fgplan.planners.planner import AbstractPlanner
-from fgplan.planners.registry import find_planner
 from fgplan.viz.ellipse import world_position_covariances
-from roadmaps import RoadmapError
-
-QUICK_CANDIDATES = 8
-"""Candidate paths a robot with ``--quick``, at most."""
 
 
 def run_scenario(options: CommandOptions) -> CommandOutcome:
@@ -81,54 +62,6 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
             plans.append(run.planner.plan(seeded, np.random.default_rng(seed), options.progress))
         options.record({"plans": [plan.to_data() for plan in plans]})
     return outcome_of(run, plans, options.out)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OpenRun:
-    """A scenario or log, read and checked.
-
-    Attributes:
-        path: The file or folder.
-        log: The log, where it is one.
-        scenario: The scenario.
-        planner: The planner that it names.
-        prior: The belief at planning time.
-        mission: The mission.
-    """
-
-    path: Path
-    log: LogRun | None
-    scenario: Scenario
-    planner: AbstractPlanner
-    prior: Prior
-    mission: Mission
-
-
-def open_run(path: Path, *, quick: bool = False) -> OpenRun:
-    """Read a scenario or log.
-
-    Args:
-        path: The file or folder.
-        quick: Whether robots get fewer candidate paths.
-
-    Returns:
-        What to plan.
-
-    Raises:
-        ScenarioError: If the scenario or log is wrong.
-    """
-    log = open_log_run(path) if is_team_past(path) else None
-    scenario = read_scenario(path) if log is None else log.scenario
-    planner = _find_planner(scenario, Place(path))
-    prior = make_prior(scenario, Place(path), None if log is None else log.estimate)
-    mission = make_mission(scenario, path, prior)
-    asked = mission.options.get("candidates")
-    if quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
-        fewer = {**mission.options, "candidates": QUICK_CANDIDATES}
-        mission = dataclasses.replace(mission, options=fewer)
-    return OpenRun(
-        path=path, log=log, scenario=scenario, planner=planner, prior=prior, mission=mission
-    )
 
 
 def outcome_of(
@@ -279,59 +212,6 @@ def _estimate_results(estimate: PastEstimate | None) -> dict[str, Any]:
             "notes": [*past.notes, *estimate.notes],
         }
     }
-
-
-def begin_folder(run: OpenRun, folder: Path) -> None:
-    """Put the scenario and what it names into the run folder; what an earlier run left goes.
-
-    Args:
-        run: What is run.
-        folder: The run folder.
-
-    Raises:
-        InvalidInputError: If it cannot be written.
-    """
-    path, log = run.path, run.log
-    named = () if log is not None else named_files(run.scenario, path)
-    sources = [path.parent / name for name in named] if log is None else log.estimate.past.files
-    remove_past_files(folder, sources)
-    (folder / PLANS).unlink(missing_ok=True)
-    if log is None:
-        begin_run(path, folder, named)
-        return
-    copy_log_run(log, folder)
-
-
-def _find_planner(scenario: Scenario, place: Place) -> AbstractPlanner:
-    """The planner that the scenario names; a user's own may lie beside the scenario."""
-    for option, value in scenario.planner_options.items():
-        if isinstance(value, str) and is_object_name(value):
-            load_object(value, place.at(f"planner.{scenario.planner_name}.{option}"))
-    where = place.at("planner.name")
-    if is_object_name(scenario.planner_name):
-        load_object(scenario.planner_name, where)
-    with where.checking():
-        return find_planner(scenario.planner_name)
-
-
-@contextmanager
-def planning(run: OpenRun) -> Iterator[None]:
-    """Name the scenario in whatever a planner refuses.
-
-    Args:
-        run: What is planned.
-    """
-    place = Place(run.path)
-    try:
-        yield
-    except NoCandidatePathError as error:
-        raise NoCandidatePathError(f"{place.file}: {error}") from error
-    except OptionError as error:
-        raise place.at(f"planner.{run.scenario.planner_name}").error(str(error)) from error
-    except MissingExtraError:
-        raise
-    except (FgplanError, RoadmapError) as error:
-        raise ScenarioError(f"{place.file}: {error}") from error
 
 
 def _not_simulated(mission: Mission) -> list[str]:

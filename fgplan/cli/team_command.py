@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from fgplan.cli.run_command import OpenRun, begin_folder, open_run, outcome_of, planning
+from fgplan.cli.open_run import OpenRun, begin_folder, distributed_planner, open_run, planning
+from fgplan.cli.run_command import outcome_of
 from fgplan.errors import InvalidInputError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.network_table import make_network
-from fgplan.io.place import Place
 from fgplan.planners.program import DistributedPlanner, participants
 from fgplan.processes.rehearsal import rehearse
 from fgplan.processes.robot_file import RobotFile, read_robot
@@ -65,30 +65,6 @@ def run_team(options: CommandOptions) -> CommandOutcome:
         folder,
         results={"processes": {name: _process_data(file) for name, file in files.items()}},
         lines=_traffic_lines(plan.traffic),
-    )
-
-
-def distributed_planner(run: OpenRun) -> DistributedPlanner:
-    """The planner of a scenario, as one whose robots can run by themselves.
-
-    Args:
-        run: The scenario.
-
-    Returns:
-        The planner.
-
-    Raises:
-        ScenarioError: If it is not one.
-    """
-    if isinstance(run.planner, DistributedPlanner):
-        return run.planner
-    raise (
-        Place(run.path)
-        .at("planner.name")
-        .error(
-            f"expected a planner whose robots talk through messages (it has program and "
-            f"team_plan), got {run.scenario.planner_name!r}; fgplan run plans in one process"
-        )
     )
 
 

@@ -78,10 +78,14 @@ class Child:
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         return " | ".join(lines[-LAST_LINES:])
 
-    def stop(self) -> None:
-        """End it, gently at first, and give back what it held."""
+    def hang_up(self) -> None:
+        """Close its standard input: it ends by itself, if it still runs."""
         if self._process.stdin is not None:
             self._process.stdin.close()
+
+    def stop(self) -> None:
+        """End it, gently at first, and give back what it held."""
+        self.hang_up()
         for end in (None, self._process.terminate, self._process.kill):
             if end is not None:
                 end()

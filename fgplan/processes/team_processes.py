@@ -99,6 +99,8 @@ def run_team_processes(
         _watch(children, folder, progress, patience_s)
     finally:
         for child in children:
+            child.hang_up()
+        for child in children:
             child.stop()
     return {child.robot: _ended(child, folder) for child in children}
 

@@ -137,6 +137,9 @@ def test_a_robot_that_the_network_no_longer_sees_stands_still_and_the_rest_goes_
     ended = run_robots(programs, step_until_lost, transport)
     assert ended[WORLD].state.gone == {"dan": 20}
     assert ended[WORLD].finished
+    # Who leaves when it is over was not lost.
+    after, _ = step_world(ended[WORLD].state, Inbox(0.0, (), frozenset()))
+    assert after.gone == {"dan": 20}
     reports = {name: report for name, report in reports_of(ended).items() if name != "dan"}
     plan = PLANNER.team_plan(mission, reports, np.random.default_rng(SEED))
     assert not plan.agreed

@@ -12,10 +12,16 @@ import pytest
 
 from fgplan.errors import InvalidInputError, NoCandidatePathError, UnknownNameError
 from fgplan.io.mission_file import load_mission
-from fgplan.planners.program import DistributedPlanner, participants, run_programs
+from fgplan.planners.program import (
+    DistributedPlanner,
+    participants,
+    run_programs,
+    step_program,
+)
 from fgplan.planners.registry import find_planner
 from fgplan.team.envelope import Inbox
 from fgplan.team.in_process import InProcessTransport
+from fgplan.team.loop import run_robots
 
 SCENARIOS = Path(__file__).parents[2] / "examples" / "scenarios"
 GATHERING = SCENARIOS / "distributed_gathering.toml"
@@ -127,3 +133,37 @@ def test_programs_that_cannot_be_made_are_refused():
         planner.team_plan(mission, {"bob": {"ending": 3}}, np.random.default_rng(0))
     assert isinstance(planner, DistributedPlanner)
     assert not isinstance(find_planner("greedy"), DistributedPlanner)
+
+
+@pytest.mark.parametrize(("lost_in", "has_plan"), [(5, False), (38, True)])
+def test_robots_of_distributed_aia_that_lose_one_report_what_they_have_and_end(lost_in, has_plan):
+    planner = find_planner("distributed_aia")
+    mission = load_mission(GATHERING)
+    mission = replace(mission, options={**mission.options, "wait_s": 3.0})
+    names = participants(planner, mission)
+    made = {
+        name: planner.program(mission, name, np.random.default_rng(mission.seed)) for name in names
+    }
+
+    gone = set()
+
+    def lose_dan(program, inbox):
+        """Dan is killed in that sweep: from then on he says nothing, and all see that."""
+        if program.robot == "dan" and program.state.growth.sweep >= lost_in:
+            gone.add("dan")
+            return replace(program, state=replace(program.state, wake_s=np.inf)), ()
+        present = frozenset(names) - {program.robot} - gone
+        return step_program(program, Inbox(inbox.now_s, inbox.envelopes, present))
+
+    ended = run_robots(made, lose_dan, InProcessTransport(names))
+    alive = {name: one for name, one in ended.items() if name != "dan"}
+    assert all(one.finished for one in alive.values())
+    reports = {name: over_the_wire(one.report(one.state)) for name, one in alive.items()}
+    if has_plan:
+        plan = planner.team_plan(mission, reports, np.random.default_rng(mission.seed))
+        assert not plan.agreed
+        whole = planner.plan(mission, np.random.default_rng(mission.seed))
+        assert plan.value == whole.value
+    else:
+        with pytest.raises(NoCandidatePathError, match="a robot was lost"):
+            planner.team_plan(mission, reports, np.random.default_rng(mission.seed))

@@ -25,7 +25,7 @@ from fgplan.planners.planner import Progress
 from fgplan.threads import one_blas_thread
 
 Ending = Literal[
-    "feasible", "iterations", "nodes", "seconds", "stalled", "interrupted", "unreachable"
+    "feasible", "iterations", "nodes", "seconds", "stalled", "interrupted", "unreachable", "lost"
 ]
 _ITERATIONS_A_CALL = 4096
 _STALLED = 50_000

@@ -38,6 +38,7 @@ _WHY = {
     "iterations": "the iterations are spent",
     "nodes": "the node budget of every robot is spent",
     "seconds": "the time is over",
+    "lost": "a robot was lost, and a plan has a way of every robot",
     "interrupted": "interrupted, or the network's time limit is over",
 }
 
@@ -236,7 +237,7 @@ def _plan_of(mission: Mission, team: MissionTeam, found: "DistributedResult") ->
         team.problem,
         found.plan.at(found.plan.first_origin),
         planner=DistributedAiaPlanner.name,
-        agreed=found.ending != "interrupted",
+        agreed=found.ending not in ("interrupted", "lost"),
         report=found.counts
         | {
             "sweeps": found.sweeps,

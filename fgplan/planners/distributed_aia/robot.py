@@ -12,6 +12,9 @@ wait for it. It *reports* through a sweep when all its goal nodes up to there ha
 with ``first_feasible`` through the sweep of the earliest goal node that any report holds a plan of,
 with a budget through the last one. Who has the reports of its whole part of the team is finished,
 and holds the same plan as all others: that of the earliest sweep, of these the cheapest.
+
+Losses. A plan has a way of every robot of the part. So where the network tells that one of them has
+been away for ``wait_s``, the others make no further plans: they report what they have, and end.
 """
 
 from collections.abc import Sequence
@@ -45,7 +48,7 @@ from fgplan.team.envelope import Envelope, Inbox, Outbox, Outgoing
 NODES = "nodes"
 SWEEPS_A_STEP = 64
 """Sweeps that a robot without neighbours does in one step."""
-_OVER = ("iterations", "feasible")
+_OVER = ("iterations", "feasible", "lost")
 _FOREVER = 2**31 - 1
 
 
@@ -64,6 +67,7 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
     """
     before = (state.growth.sweep, len(state.reports))
     out: list[Outgoing] = []
+    state = _see(state, inbox)
     began = not any(state.told.values()) and state.growth.sweep == 0
     if began:
         state = _tell(state, out)
@@ -84,11 +88,30 @@ def step(state: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
     state = _report(state, out)
     if state.finished:
         return replace(state, wake_s=np.inf), tuple(out)
+    wake_s = state.wake_s
     if asked or began or before != (state.growth.sweep, len(state.reports)):
         alone = not state.sweeps_of and not state.ending
         wake_s = inbox.now_s + (0.0 if alone else state.setup.wait_s)
-        return replace(state, wake_s=wake_s), tuple(out)
-    return state, tuple(out)
+    lost_s = [since + state.setup.wait_s for since in state.absent.values()]
+    return replace(state, wake_s=min([wake_s, *lost_s])), tuple(out)
+
+
+def _see(state: RobotState, inbox: Inbox) -> RobotState:
+    """Note who is away, and who has been for too long; who has finished no longer cares."""
+    if inbox.present is None or state.finished or state.lost:
+        return state
+    setup = state.setup
+    absent = {
+        robot: state.absent.get(robot, inbox.now_s)
+        for robot in setup.part
+        if robot != setup.robot and setup.graph.robots[robot] not in inbox.present
+    }
+    lost = frozenset(
+        robot for robot, since in absent.items() if inbox.now_s >= since + setup.wait_s
+    )
+    if lost:
+        return replace(state, absent={}, lost=lost, opened=())
+    return replace(state, absent=absent)
 
 
 def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> RobotState:
@@ -233,7 +256,7 @@ def _report(state: RobotState, out: list[Outgoing]) -> RobotState:
     """Report through a sweep, where all goal nodes up to there have been looked at."""
     robot, options = state.setup.robot, state.setup.options
     held = min([plan.rank for plan in (state.plan, state.best) if plan is not None], default=None)
-    if state.ending in ("iterations", "nodes"):
+    if state.ending in ("iterations", "nodes", "lost"):
         through = _FOREVER
     elif options.until == "first_feasible" and held is not None:
         through = held + 1

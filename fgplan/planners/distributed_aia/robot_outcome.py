@@ -127,7 +127,7 @@ def joined_result(
     for outcome in there:
         for name, number in outcome.counts.items():
             counts[name] = counts.get(name, 0) + number
-    endings = ["interrupted" if one is None else one.ending for one in outcomes]
+    endings = ["lost" if one is None else one.ending for one in outcomes]
     return DistributedResult(
         plan=joined_plan(growth, [None if one is None else one.plan for one in outcomes]),
         ending="unreachable" if reason else _ending(endings),
@@ -183,5 +183,5 @@ def result_of_reports(
 
 def _ending(endings: Sequence[str]) -> Ending:
     """One word for the team."""
-    words: tuple[Ending, ...] = ("interrupted", "nodes", "iterations")
+    words: tuple[Ending, ...] = ("interrupted", "lost", "nodes", "iterations")
     return next((word for word in words if word in endings), "feasible")

@@ -63,6 +63,8 @@ class RobotState:
         looked_at: Sweeps whose goal nodes have been claimed for.
         reports: By robot.
         replayed: Candidates replayed and refused.
+        absent: Robots of its part that the network does not see, and since when.
+        lost: Those that it has not seen for ``wait_s``: it plans no further without them.
         wake_s: When it wants to be stepped at the latest.
     """
 
@@ -79,12 +81,15 @@ class RobotState:
     looked_at: int = 0
     reports: dict[int, Report] = field(default_factory=dict)
     replayed: tuple[int, int] = (0, 0)
+    absent: dict[int, float] = field(default_factory=dict)
+    lost: frozenset[int] = frozenset()
     wake_s: float = 0.0
 
     @property
     def finished(self) -> bool:
-        """Whether it has the reports of its whole part, and nothing to look at before the plan."""
-        return all(robot in self.reports for robot in self.setup.part)
+        """Whether it has the reports of its whole part, or of what it can reach of it."""
+        wanted = self._reached() if self.lost else self.setup.part
+        return all(robot in self.reports for robot in wanted)
 
     @property
     def plan(self) -> PlanMessage | None:
@@ -96,6 +101,8 @@ class RobotState:
     def ending(self) -> str:
         """Why it grows no more, or nothing."""
         options, growth = self.setup.options, self.growth
+        if self.lost:
+            return "lost"
         if options.iterations is not None and growth.sweep >= options.iterations:
             return "iterations"
         if growth.is_full(0):
@@ -104,6 +111,15 @@ class RobotState:
         if options.until == "first_feasible" and plan is not None and growth.sweep > plan.rank:
             return "feasible"
         return ""
+
+    def _reached(self) -> set[int]:
+        """Robots that it reaches over others without those that are lost, itself included."""
+        reached, ring = {self.setup.robot}, [self.setup.robot]
+        while ring:
+            near = {other for robot in ring for other in self.setup.graph.ever(robot)}
+            ring = sorted(near - reached - self.lost)
+            reached.update(ring)
+        return reached
 
 
 def start_robot(

@@ -106,7 +106,7 @@ def step(state: WorldState, inbox: Inbox) -> tuple[WorldState, Outbox]:
     """
     for envelope in inbox.envelopes:
         state = _take_in(state, envelope)
-    if inbox.present is not None:
+    if inbox.present is not None and not state.finished:  # else they leave because it is over
         left = {
             name: state.time
             for name in state.setup.robots
