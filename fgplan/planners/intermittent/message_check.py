@@ -25,6 +25,8 @@ from fgplan.typing import FloatArray
 MOST_STEPS_AHEAD = 100_000
 """Steps from now within which every way begins, ends and meets."""
 
+_LARGEST = 1e100
+"""Square metres, or whatever the state is in: beyond it arithmetic overflows."""
 _TOLERANCE = 1e-6
 """Metres: ways are made by the planner of a teammate, whose arithmetic may differ."""
 
@@ -92,12 +94,11 @@ def _check_shape(what: str, array: FloatArray, own: FloatArray) -> None:
 def _check_semidefinite(what: str, blocks: FloatArray) -> None:
     """Symmetric, and positive semidefinite up to rounding."""
     largest = float(np.abs(blocks).max(initial=0.0))
+    if largest > _LARGEST:
+        raise InvalidInputError(f"{what}: expected numbers of at most {_LARGEST:g}")
     if np.abs(blocks - np.swapaxes(blocks, -1, -2)).max(initial=0.0) > 1e-9 * largest:
         raise InvalidInputError(f"{what}: expected symmetric blocks")
-    try:
-        smallest = float(np.linalg.eigvalsh(blocks).min(initial=0.0))
-    except np.linalg.LinAlgError as error:
-        raise InvalidInputError(f"{what}: {error}") from error
+    smallest = float(np.linalg.eigvalsh(blocks).min(initial=0.0))
     if smallest < -1e-9 * largest:
         raise InvalidInputError(
             f"{what}: expected positive semidefinite blocks, got an eigenvalue of {smallest:g}"
