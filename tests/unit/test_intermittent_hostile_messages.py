@@ -78,6 +78,7 @@ FAR = 2**60
         (lambda k: {"mean": numbers_of(np.zeros(4))}, r"mean: expected shape \(9,\)"),
         (lambda k: {"covariance": numbers_of(np.eye(3))}, "covariance: expected shape"),
         (lambda k: {"mean": numbers_of(np.full(9, math.nan))}, "expected finite numbers"),
+        (lambda k: {"mean": numbers_of(np.full(9, 1e200))}, "mean: expected numbers of at most"),
         (lambda k: {"mean": Numbers((2**62, 4), b"")}, "bytes for shape"),
         (lambda k: {"mean": Numbers((9,), b"123")}, "expected 72 bytes"),
         (lambda k: {"offers": {"zoe": next(iter(k.offers.values()))}}, "'zoe' is not of the team"),

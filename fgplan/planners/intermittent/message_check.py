@@ -10,7 +10,6 @@ Only what would be used is looked at closely: the later checkpoint, the longer l
 refused changes nothing.
 """
 
-import math
 from itertools import chain, pairwise
 
 import numpy as np
@@ -78,6 +77,8 @@ def _check_known(state: RobotState, what: str, known: Known) -> None:
     mean, covariance = array_of(known.mean), array_of(known.covariance)
     _check_shape(f"{what}: mean", mean, own.checkpoint.mean)
     _check_shape(f"{what}: covariance", covariance, own.checkpoint.covariance)
+    if np.abs(mean).max(initial=0.0) > _LARGEST:
+        raise InvalidInputError(f"{what}: mean: expected numbers of at most {_LARGEST:g}")
     if known.time > own.checkpoint.time:
         _check_semidefinite(f"{what}: covariance", covariance)
     for row, log in enumerate(known.logs):
@@ -120,8 +121,11 @@ def _check_log(
     observations = model.observation_count(row)
     mean = state.knowledge.checkpoint.mean
     for record in log:
-        if not all(map(math.isfinite, chain(record.position, *[v for _, v in record.readings]))):
-            raise InvalidInputError(f"{what}: step {record.time}: expected finite numbers")
+        numbers = chain(record.position, *[value for _, value in record.readings])
+        if not all(abs(number) <= _LARGEST for number in numbers):  # nor is what is not a number
+            raise InvalidInputError(
+                f"{what}: step {record.time}: expected finite numbers of at most {_LARGEST:g}"
+            )
         for index, value in record.readings:
             if not 0 <= index < observations:
                 raise InvalidInputError(
