@@ -129,4 +129,4 @@ def test_a_thousand_hostile_messages(planner):
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("planner", SCENES)
 def test_a_hundred_thousand_hostile_messages(planner):
-    check(planner, 34_000, seed=1)
+    check(planner, 38_000, seed=1)  # some changes do not fit a message
