@@ -24,11 +24,11 @@ LOCK = "fgplan-kernels.lock"
 """File beside the cached kernels that is locked."""
 
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401 - numba's
+def njit(**kwargs: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401 - numba's
     """``numba.njit`` with a locked cache.
 
     Args:
-        options: Those of ``numba.njit``.
+        **kwargs: Options of ``numba.njit``.
 
     Returns:
         The decorator.
@@ -36,8 +36,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401
 
     def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - a dispatcher
         """The dispatcher, or the function itself where compiling is switched off."""
-        dispatcher: Any = numba.njit(**options)(function)
-        if options.get("cache") and hasattr(dispatcher, "enable_caching"):
+        dispatcher: Any = numba.njit(**kwargs)(function)
+        if kwargs.get("cache") and hasattr(dispatcher, "enable_caching"):
             dispatcher._cache = _LockedCache(function)
         return dispatcher
 

@@ -24,16 +24,16 @@ def say(**what):
 
 def hold(network, seconds):
     """Answer "hold" by holding the lock; count the notes that arrive; end at "end"."""
-    began = time.perf_counter()
-    sum(range(2_000_000))
-    rate = 2_000_000 / (time.perf_counter() - began)
     numbers = []
     while network.wait(20.0):
         for envelope in network.receive(network.robot):
             if envelope.kind == "hold":
                 say(holding=True)
                 began = time.perf_counter()
-                sum(range(int(rate * seconds)))  # one call of C: the lock is never given up
+                sys.setswitchinterval(1000.0)  # nobody may ask for the lock meanwhile
+                while time.perf_counter() < began + seconds:
+                    pass
+                sys.setswitchinterval(0.005)
                 say(held_s=time.perf_counter() - began)
             elif envelope.kind == "end":
                 say(numbers=len(numbers), in_order=numbers == sorted(numbers))

@@ -268,3 +268,16 @@ def test_message_cannot_be_changed():
     back = decode_message(message.encoded, "ann")
     with pytest.raises(ValueError, match="read-only"):
         back.path().poses[0, 0] = 1.0
+
+
+def test_places_whose_distance_is_no_number_are_refused():
+    path = make_path()
+    poses = np.array(path.poses)
+    poses[-1, 0] = 1e200
+    with pytest.raises(InvalidInputError, match="places whose distances are finite"):
+        CandidatePath(
+            robot="ann",
+            poses=poses,
+            times_s=path.times_s,
+            motion_covariances=path.motion_covariances,
+        )

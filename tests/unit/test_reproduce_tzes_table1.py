@@ -8,12 +8,11 @@ from fgplan.reproduce.tzes_table1.command import (
     ALONE,
     PUBLISHED,
     figure_3_rows,
-    inversions,
     plan_row,
     read_rows,
-    requirements,
     summary,
 )
+from fgplan.reproduce.tzes_table1.horizon_order import blocks_of_ten, inversions, requirements
 
 FORMS = ("published", "information", "seen", "block")
 
@@ -96,3 +95,18 @@ def test_a_row_has_what_the_table_prints():
     assert row["degree"] == 1.0
     assert "horizon_none" not in row
     assert np.isfinite([row[f"{what}_all_to_all"] for what in ("horizon", "runtime")]).all()
+
+
+def test_blocks_of_ten_are_looked_at_by_themselves():
+    good = {"centralised": [8.0] * 20, "all_to_all": [9.0] * 20}
+    rows = [
+        {"trials": 20, "horizons_connected": [10.0] * 10 + [8.0] * 10}
+        | {f"horizons_{name}": given for name, given in good.items()},
+        {"trials": 20, "horizons_connected": [10.0] * 20}
+        | {f"horizons_{name}": given for name, given in good.items()},
+    ]
+    first, second = blocks_of_ten(rows)
+    assert first["inversions_all_to_all_connected"] == 0
+    assert second["inversions_all_to_all_connected"] == 1
+    assert second["largest_inversion_all_to_all_connected"] == pytest.approx(0.125)
+    assert blocks_of_ten([{**row, "trials": 9} for row in rows]) == []

@@ -46,7 +46,7 @@ def test_a_robot_that_holds_the_lock_for_seconds_blocks_nobody_and_loses_nothing
             seen.add(ann.present("ann"))
             time.sleep(0.01)
         held_s = child.says()["held_s"]
-        assert held_s > 1.3 * LEASE_S + 0.1
+        assert held_s >= 2.0
         assert all_s < held_s  # all were sent before it had even looked
         assert longest_s < 0.5 * LEASE_S  # measured: 7 to 13 ms, on two busy cores
         assert seen == {frozenset({"bob"})}

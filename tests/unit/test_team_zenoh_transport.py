@@ -63,7 +63,7 @@ def test_a_full_ring_loses_the_oldest_of_that_sender_and_blocks_nobody():
             team["bob"].send("bob", letter("bob", number))
         team["carl"].send("carl", letter("carl", 5), "ann")
         eventually(lambda: team["ann"]._mailbox._waiting["carl"])
-        found = received(team["ann"], 1000, 1.0)
+        found = received(team["ann"], 1000, 0.4)
         assert [envelope.sequence for envelope in found if envelope.robot == "carl"] == [5]
         numbers = [envelope.sequence for envelope in found if envelope.robot == "bob"]
         assert numbers == sorted(numbers)

@@ -10,7 +10,6 @@ Only what would be used is looked at closely: the later checkpoint, the longer l
 refused changes nothing.
 """
 
-import math
 from itertools import chain, pairwise
 
 import numpy as np
@@ -25,6 +24,8 @@ from fgplan.typing import FloatArray
 MOST_STEPS_AHEAD = 100_000
 """Steps from now within which every way begins, ends and meets."""
 
+_LARGEST = 1e100
+"""Square metres, or whatever the state is in: beyond it arithmetic overflows."""
 _TOLERANCE = 1e-6
 """Metres: ways are made by the planner of a teammate, whose arithmetic may differ."""
 
@@ -76,6 +77,8 @@ def _check_known(state: RobotState, what: str, known: Known) -> None:
     mean, covariance = array_of(known.mean), array_of(known.covariance)
     _check_shape(f"{what}: mean", mean, own.checkpoint.mean)
     _check_shape(f"{what}: covariance", covariance, own.checkpoint.covariance)
+    if np.abs(mean).max(initial=0.0) > _LARGEST:
+        raise InvalidInputError(f"{what}: mean: expected numbers of at most {_LARGEST:g}")
     if known.time > own.checkpoint.time:
         _check_semidefinite(f"{what}: covariance", covariance)
     for row, log in enumerate(known.logs):
@@ -92,12 +95,11 @@ def _check_shape(what: str, array: FloatArray, own: FloatArray) -> None:
 def _check_semidefinite(what: str, blocks: FloatArray) -> None:
     """Symmetric, and positive semidefinite up to rounding."""
     largest = float(np.abs(blocks).max(initial=0.0))
+    if largest > _LARGEST:
+        raise InvalidInputError(f"{what}: expected numbers of at most {_LARGEST:g}")
     if np.abs(blocks - np.swapaxes(blocks, -1, -2)).max(initial=0.0) > 1e-9 * largest:
         raise InvalidInputError(f"{what}: expected symmetric blocks")
-    try:
-        smallest = float(np.linalg.eigvalsh(blocks).min(initial=0.0))
-    except np.linalg.LinAlgError as error:
-        raise InvalidInputError(f"{what}: {error}") from error
+    smallest = float(np.linalg.eigvalsh(blocks).min(initial=0.0))
     if smallest < -1e-9 * largest:
         raise InvalidInputError(
             f"{what}: expected positive semidefinite blocks, got an eigenvalue of {smallest:g}"
@@ -119,8 +121,11 @@ def _check_log(
     observations = model.observation_count(row)
     mean = state.knowledge.checkpoint.mean
     for record in log:
-        if not all(map(math.isfinite, chain(record.position, *[v for _, v in record.readings]))):
-            raise InvalidInputError(f"{what}: step {record.time}: expected finite numbers")
+        numbers = chain(record.position, *[value for _, value in record.readings])
+        if not all(abs(number) <= _LARGEST for number in numbers):  # nor is what is not a number
+            raise InvalidInputError(
+                f"{what}: step {record.time}: expected finite numbers of at most {_LARGEST:g}"
+            )
         for index, value in record.readings:
             if not 0 <= index < observations:
                 raise InvalidInputError(
