@@ -35,11 +35,17 @@ class Scene:
     session: int | None = None
 
 
+_FROZEN = ("Announcement", "CandidatePath", "Envelope", "Ledger", "Log")
+"""Classes whose objects never change; the digest of each object is computed once."""
+
+_KNOWN = {}
+
+
 def digest(value):
     """What a state holds, its set-up aside; values alone, so equal states have equal digests."""
     found = hashlib.blake2b(digest_size=16)
-    _feed(found.update, value, set())
-    return found.hexdigest()
+    _feed(found.update, value, frozenset())
+    return found.digest()
 
 
 def _feed(update, value, above):
@@ -63,17 +69,28 @@ def _feed(update, value, above):
         update(str(len(value)).encode())
         for item in value:
             _feed(update, item, above | {id(value)})
+    elif type(value).__name__ in _FROZEN:
+        if id(value) not in _KNOWN:
+            own = hashlib.blake2b(digest_size=16)
+            _feed_fields(own.update, value, above)
+            _KNOWN[id(value)] = (value, own.digest())  # kept, so that no other has its id
+        update(_KNOWN[id(value)][1])
     else:
-        update(type(value).__name__.encode())
-        names = getattr(value, "__struct_fields__", None)
-        if names is None and dataclasses.is_dataclass(value):
-            names = [field.name for field in dataclasses.fields(value)]
-        if names is None:
-            names = sorted(vars(value)) if hasattr(value, "__dict__") else []
-        for name in names:
-            if name not in ("setup", "problem", "evaluator_state", "fields"):
-                update(name.encode())
-                _feed(update, getattr(value, name), above | {id(value)})
+        _feed_fields(update, value, above)
+
+
+def _feed_fields(update, value, above):
+    """An object field by field."""
+    update(type(value).__name__.encode())
+    names = getattr(value, "__struct_fields__", None)
+    if names is None and dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+    if names is None:
+        names = sorted(vars(value)) if hasattr(value, "__dict__") else []
+    for name in names:
+        if name not in ("setup", "problem", "evaluator_state", "fields"):
+            update(name.encode())
+            _feed(update, getattr(value, name), above | {id(value)})
 
 
 def payload_changed(envelope, change, generator):

@@ -88,7 +88,13 @@ class CandidatePath:
                     f"{name}: expected observations at steps 1 to {size - 1}, got {seen.step}"
                 )
         where = poses[:, :2] if dim == PLANAR_DIM else poses[:, :3, 3]
-        length = float(np.linalg.norm(np.diff(where, axis=0), axis=1).sum())
+        with np.errstate(over="ignore"):
+            length = float(np.linalg.norm(np.diff(where, axis=0), axis=1).sum())
+        if not np.isfinite(length):
+            raise InvalidInputError(
+                f"{name}: poses: expected places whose distances are finite, got up to "
+                f"{np.abs(where).max():g} m"
+            )
         for key, value in (
             ("poses", poses),
             ("times_s", times),

@@ -1,6 +1,9 @@
 """Mutual TLS, access control by common name, and signatures, on the loopback."""
 
+import dataclasses
 import time
+import tomllib
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -10,7 +13,7 @@ from fgplan.errors import InvalidInputError
 from fgplan.team.certificates import make_certificates
 from fgplan.team.credentials import Credentials
 from fgplan.team.envelope import Envelope
-from fgplan.team.network_options import NetworkOptions
+from fgplan.team.network_options import NetworkOptions, free_endpoint, read_network
 from fgplan.team.zenoh_settings import zenoh_settings
 from fgplan.team.zenoh_transport import ZenohTransport
 
@@ -149,6 +152,9 @@ def test_strangers_do_not_get_in(folder, tmp_path):
                 assert stranger.info.peers_zid() == []
         assert ann.present("ann") == frozenset()
         assert not ann.wait(0.0)
+        with ZenohTransport("eve", ROBOTS, options["eve"]) as eve:  # she herself does, as quickly
+            time.sleep(0.4)
+            assert eve.present("eve") == {"ann"}
 
 
 def test_a_certificate_of_the_authority_with_a_name_outside_the_team_says_nothing(folder):
@@ -219,3 +225,20 @@ def test_a_signature_is_the_same_each_time_and_for_this_robot_only(folder):
     stranger = Envelope(robot="zoe", session=0, sequence=0, kind="note", signature=b"x")
     with pytest.raises(InvalidInputError, match="expected a robot with a certificate"):
         credentials.verify(stranger)
+
+
+def test_the_secure_scenario_of_the_examples_works_with_certificates_made_beside_it(tmp_path):
+    path = Path(__file__).parents[2] / "examples" / "scenarios" / "secure_team.toml"
+    scenario = tomllib.loads(path.read_text(encoding="utf-8"))
+    robots = tuple(robot["name"] for robot in scenario["robots"])
+    make_certificates(tmp_path / "certificates", robots)
+    first = free_endpoint("tls")
+    options = read_network(scenario["team"]["network"], tmp_path)
+    with (
+        ZenohTransport("ann", robots, dataclasses.replace(options, listen=(first,))) as ann,
+        ZenohTransport("bob", robots, dataclasses.replace(options, connect=(first,))) as bob,
+    ):
+        assert ann.wait_for_team(10.0) == {"bob"}
+        bob.send("bob", entry("bob"))
+        (envelope,) = received(ann, 1)
+        assert envelope.signature
