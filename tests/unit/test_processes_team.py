@@ -14,6 +14,9 @@ from process_scenarios import GATHERING, MEETINGS, without_work
 pytest.importorskip("zenoh")
 
 from fgplan.cli.command_line import main
+from fgplan.cli.team_command import run_team
+from fgplan.errors import InvalidInputError
+from fgplan.io.command import CommandOptions
 from fgplan.team.network_options import free_endpoint
 
 
@@ -157,6 +160,12 @@ def test_a_child_ends_with_its_parent(tmp_path):
     robot.stderr.close()
     robot.wait(30)
     assert time.monotonic() - began < 20
+
+
+def test_a_team_needs_a_folder_for_what_robots_hand_in(tmp_path):
+    scenario = str(written(tmp_path, GATHERING))
+    with pytest.raises(InvalidInputError, match="expected a run folder"):
+        run_team(CommandOptions(arguments={"scenario": scenario}))
 
 
 @pytest.mark.parametrize(
