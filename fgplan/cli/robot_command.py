@@ -48,10 +48,12 @@ def run_robot_command(arguments: argparse.Namespace, progress: Progress) -> tupl
     planner = distributed_planner(run)
     network = make_network(run.scenario, path)
     with Place(path).checking():
+        # A child of fgplan team stays on this machine, wherever the scenario's robots are.
         network = dataclasses.replace(
             network,
             listen=tuple(arguments.listen or network.listen),
-            connect=tuple(arguments.connect or ([] if arguments.listen else network.connect)),
+            connect=tuple(arguments.connect or (() if arguments.child else network.connect)),
+            multicast=network.multicast and not arguments.child,
         )
     until: Callable[[], bool] | None = None
     if arguments.child:

@@ -8,12 +8,21 @@ import sys
 import time
 
 import msgspec
+import numpy as np
 import pytest
 from process_scenarios import GATHERING, MEETINGS, without_work
 
 pytest.importorskip("zenoh")
 
 from fgplan.cli.command_line import main
+from fgplan.cli.team_command import run_team
+from fgplan.errors import InvalidInputError
+from fgplan.io.command import CommandOptions
+from fgplan.io.mission_file import load_mission
+from fgplan.io.plain_value import plain_value
+from fgplan.io.scenario_file import read_scenario
+from fgplan.planners.registry import find_planner
+from fgplan.team.certificates import make_certificates
 from fgplan.team.network_options import free_endpoint
 
 
@@ -34,6 +43,14 @@ def plan_in(folder):
     return result(folder)["results"]["plans"][0]
 
 
+def planned(scenario):
+    """The plan of one process, as a result file would hold it."""
+    mission = load_mission(scenario)
+    generator = np.random.default_rng(mission.seed)
+    plan = find_planner(read_scenario(scenario).planner_name).plan(mission, generator)
+    return json.loads(msgspec.json.encode(plain_value(plan.to_data())))
+
+
 def run(*words):
     """The command, to exit status 0."""
     assert main([str(word) for word in words]) == 0
@@ -41,7 +58,6 @@ def run(*words):
 
 def test_processes_of_distributed_aia_make_the_plan_of_one_process(tmp_path, capsys):
     scenario = written(tmp_path, GATHERING)
-    run("run", scenario, "--out", tmp_path / "run")
     run("team", scenario, "--out", tmp_path / "here")
     capsys.readouterr()
     run("team", scenario, "--processes", "--out", tmp_path / "apart", "--check")
@@ -49,7 +65,7 @@ def test_processes_of_distributed_aia_make_the_plan_of_one_process(tmp_path, cap
     assert "two gather: planner distributed_aia, seed 3" in said.out
     assert "messages sent: " in said.out
     assert not said.err  # no progress in a pipe
-    expected = without_work(plan_in(tmp_path / "run"))
+    expected = without_work(planned(scenario))
     assert without_work(plan_in(tmp_path / "here")) == expected
     apart = plan_in(tmp_path / "apart")
     assert without_work(apart) == expected
@@ -61,20 +77,18 @@ def test_processes_of_distributed_aia_make_the_plan_of_one_process(tmp_path, cap
     processes = result(tmp_path / "apart")["results"]["processes"]
     assert set(processes) == {"ann", "bob"}
     assert all(one["finished"] and not one["refused"] for one in processes.values())
-    # The same files as of fgplan run, and what each robot handed in; of that alone the same plan.
-    names = {path.name for path in (tmp_path / "run").iterdir()}
+    # The files of fgplan run, and what each robot handed in.
+    names = {path.name for path in (tmp_path / "here").iterdir()}
+    assert names > {"scenario.toml", "result.json", "record.json", "plans.json"}
     assert {path.name for path in (tmp_path / "apart").iterdir()} == names | {"robots"}
     logs = [path.read_text() for path in (tmp_path / "apart" / "robots").glob("*.log")]
     assert logs == ["", ""]
-    run("team", scenario, "--gather", tmp_path / "apart", "--out", tmp_path / "gathered")
-    assert without_work(plan_in(tmp_path / "gathered")) == expected
 
 
 def test_processes_of_an_intermittent_team_and_their_world_make_the_plan_of_one(tmp_path):
     scenario = written(tmp_path, MEETINGS)
-    run("run", scenario, "--out", tmp_path / "run")
     run("team", scenario, "--processes", "--out", tmp_path / "apart")
-    expected, apart = plan_in(tmp_path / "run"), plan_in(tmp_path / "apart")
+    expected, apart = planned(scenario), plan_in(tmp_path / "apart")
     assert without_work(apart) == without_work(expected)
     assert apart["report"] == expected["report"]
     assert apart["report"]["meetings"] == 2
@@ -97,7 +111,6 @@ def fgplan_robot(scenario, name, folder, *words, **options):
 @pytest.mark.full
 def test_robots_started_one_by_one_hand_in_what_makes_the_plan(tmp_path):
     scenario = written(tmp_path, GATHERING)
-    run("run", scenario, "--out", tmp_path / "run")
     first = free_endpoint()
     bob = fgplan_robot(scenario, "bob", tmp_path / "bob", "--connect", first)
     ann = fgplan_robot(scenario, "ann", tmp_path / "ann", "--listen", first)
@@ -112,7 +125,26 @@ def test_robots_started_one_by_one_hand_in_what_makes_the_plan(tmp_path):
         (tmp_path / "both" / file).write_bytes((tmp_path / name / file).read_bytes())
     run("team", scenario, "--gather", tmp_path / "both", "--out", tmp_path / "gathered")
     found = without_work(plan_in(tmp_path / "gathered"))
-    assert found == without_work(plan_in(tmp_path / "run"))
+    assert found == without_work(planned(scenario))
+
+
+@pytest.mark.full
+def test_processes_with_certificates_of_their_own_make_the_same_plan(tmp_path):
+    network = """
+[team.network]
+ca = "keys/ca.pem"
+certificate = "keys/{robot}.pem"
+key = "keys/{robot}.key"
+connect = ["tls/127.0.0.1:1"]
+"""
+    scenario = written(tmp_path, GATHERING + network)
+    make_certificates(tmp_path / "keys", ["ann", "bob"])
+    run("team", scenario, "--out", tmp_path / "here")
+    run("team", scenario, "--processes", "--out", tmp_path / "apart")
+    apart = plan_in(tmp_path / "apart")
+    assert without_work(apart) == without_work(plan_in(tmp_path / "here"))
+    assert apart["warnings"] == []
+    assert not list((tmp_path / "apart").rglob("*.key"))
 
 
 @pytest.mark.full
@@ -157,6 +189,12 @@ def test_a_child_ends_with_its_parent(tmp_path):
     robot.stderr.close()
     robot.wait(30)
     assert time.monotonic() - began < 20
+
+
+def test_a_team_needs_a_folder_for_what_robots_hand_in(tmp_path):
+    scenario = str(written(tmp_path, GATHERING))
+    with pytest.raises(InvalidInputError, match="expected a run folder"):
+        run_team(CommandOptions(arguments={"scenario": scenario}))
 
 
 @pytest.mark.parametrize(
