@@ -265,6 +265,10 @@ def test_the_scene_is_the_paper_s_in_what_the_paper_prints():
     for path in np.moveaxis(intermittent_scene.target_paths(tuple(range(8)), 400), 1, 0):
         assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() <= 0.02 + 1e-12
         assert case.setup.workspace.has_line_of_sight(path[:-1, :2], path[1:, :2]).all()
+    # Targets avoid walls, also where noise pushes them.
+    moved = np.moveaxis(indoor_case("G1", 1, 300).truth.states.reshape(301, 8, 3), 1, 0)
+    for places in moved[..., :2]:
+        assert case.setup.workspace.are_motions_valid(places[:-1], places[1:]).all()
 
 
 def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path):
