@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 from intermittent_scenes import block_model, estimate_of, room, segment_problem
-from intermittent_teams import G1_TEAMS, G2_TEAMS
 
 from fgplan.bench import intermittent_scene
 from fgplan.bench.intermittent import run as bench
@@ -252,8 +251,6 @@ def test_formation_keeps_its_shape_and_everybody_knows_everything():
 
 
 def test_the_scene_is_the_paper_s_in_what_the_paper_prints():
-    assert intermittent_scene.G1_TEAMS == G1_TEAMS
-    assert intermittent_scene.G2_TEAMS == G2_TEAMS
     case = indoor_case("G1", 0, 5)
     options = case.setup.options
     assert (options.step_m, options.range_m) == (0.1, 0.2)

@@ -10,8 +10,8 @@ from intermittent_scenes import (
     moving_targets,
     room,
 )
-from intermittent_teams import G2_TEAMS, ROBOTS_2
 
+from fgplan.bench.intermittent_scene import team_graph
 from fgplan.errors import InvalidInputError
 from fgplan.planners.intermittent.geodesic_way import geodesic_cells
 from fgplan.planners.intermittent.meeting_points import plan_meeting_point
@@ -19,7 +19,7 @@ from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.robot_state import TeamSetup, start_robot
 from fgplan.planners.intermittent.schedule import make_schedule
 from fgplan.planners.intermittent.segment import algebraic_connectivity
-from fgplan.planners.intermittent.team_graph import TeamGraph, propose_teams
+from fgplan.planners.intermittent.team_graph import propose_teams
 from fgplan.planners.intermittent.team_run import Absence, first_legs, run_team
 from fgplan.planners.intermittent.truth import draw_truth, expected_truth
 from roadmaps import sample_positions
@@ -105,7 +105,7 @@ def longest_delay(setup, run):
 
 @pytest.mark.parametrize(
     "graph",
-    [propose_teams(4), propose_teams(5, 3), TeamGraph(ROBOTS_2, G2_TEAMS)],
+    [propose_teams(4), propose_teams(5, 3), team_graph("G2")],
     ids=["ring of 4", "threes of 5", "G2"],
 )
 def test_team_estimates_equal_the_global_one_up_to_the_bound(graph):
@@ -177,7 +177,7 @@ def drawn_absences(graph, seed):
     return absences
 
 
-RING, THREES, SECOND = propose_teams(4), propose_teams(5, 3), TeamGraph(ROBOTS_2, G2_TEAMS)
+RING, THREES, SECOND = propose_teams(4), propose_teams(5, 3), team_graph("G2")
 
 
 # G2, 10: one comes just when another falls silent. Threes, 5: teams in each other's way.
