@@ -295,12 +295,25 @@ def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path)
             bound=30,
         ),
         "delays": draw_delays({"one": (np.arange(3.0), np.arange(3.0), np.ones(3))}, "delays"),
-        "paths": draw_team_paths(world, {"team 1": (ways, targets[:50])}, "paths"),
+        "paths": draw_team_paths(
+            world,
+            {
+                "team 1": (ways, targets[:50]),
+                "team 2": ({"r23": team.positions[:50, 1]} | ways, targets[:50]),
+            },
+            names,
+            "paths",
+        ),
         "run": draw_team_run(world, team, names, targets, "run", since=10),
     }
     for name, figure in drawn.items():
         assert save(figure, tmp_path / f"{name}.png").stat().st_size > 1000
         assert all(axes.lines or axes.patches for axes in figure.axes)
+    # A robot has one colour in every map, whoever else is drawn.
+    first, second = (axes.lines for axes in drawn["paths"].axes[:2])
+    assert ways["r12"][0, 0] in first[0].get_xdata()
+    same = [line for line in second if np.array_equal(line.get_xdata(), ways["r12"][:, 0])]
+    assert [line.get_color() for line in same] == [first[0].get_color()]
     with pytest.raises(InvalidInputError, match=r"\.gif"):
         film_team_run(case.setup.workspace, team, names, targets, tmp_path / "a.mp4")
 

@@ -238,7 +238,7 @@ def fig8(options: CommandOptions) -> CommandOutcome:
         from fgplan.viz.intermittent import draw_team_paths, draw_team_run, film_team_run
 
         world, names = case.setup.workspace, case.setup.robots
-        drawn = draw_team_paths(world, panels, "Paths to two meetings")
+        drawn = draw_team_paths(world, panels, names, "Paths to two meetings")
         whole = draw_team_run(
             world, team, names, _places(case), "Steps 0 to 200", until=min(200, case.truth.steps)
         )
