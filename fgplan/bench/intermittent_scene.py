@@ -108,6 +108,7 @@ UNPRINTED: dict[str, Any] = {
     "q_m2": 4.5e-3,
     "q_height_share": 0.1,
     "target_speed_m": 0.02,
+    "targets_at_walls": "steps that would touch a wall or leave the floor are drawn anew",
     "circle_radius_m": 0.4,
     "line_length_m": 1.6,
     "steps": 600,

@@ -129,6 +129,27 @@ def test_goal_nodes_are_connected_and_simultaneous_and_whole_paths_sound(sync, b
     assert met > 0
 
 
+def test_rewiring_keeps_simultaneous_nodes_simultaneous_and_costs_and_times_those_of_the_path():
+    problem = drawn_problem(2)
+    options = SegmentOptions(samples=250, explore=150, sync="strict")
+    grown = JointTree(problem, options)
+    tree = grown.tree
+    was, parents, rewired = np.zeros(0, dtype=bool), np.zeros(0, dtype=int), 0
+    for wanted in draw_samples(problem, options, np.random.default_rng(2)):
+        grown.extend(wanted)
+        now = np.ptp(tree.time[: grown.count], axis=1) == 0
+        assert now[: len(was)][was].all()
+        changed = tree.parent[: len(parents)] != parents
+        assert (was | ~changed).all()  # only simultaneous nodes are rewired
+        rewired += int(changed.sum())
+        was, parents = now, tree.parent[: grown.count].copy()
+    assert rewired > 0
+    time = np.zeros(2, dtype=np.int64)
+    for node in range(1, grown.count):
+        arrive(tree, grown.space, int(parents[node]), tree.position[node], time)
+        np.testing.assert_array_equal(time, tree.time[node])
+
+
 def test_limit_of_the_most_uncertain_target_holds_at_the_end():
     problem = segment_problem(block_model(2), [(8, 1), (9, 1)], [0, 0])
     grown = grow_tree(problem, SegmentOptions(), np.random.default_rng(0))
