@@ -9,6 +9,7 @@ import pytest
 from intermittent_scenes import block_model, estimate_of, room, segment_problem
 
 from fgplan.bench import intermittent_scene
+from fgplan.bench.intermittent import bench_team
 from fgplan.bench.intermittent import run as bench
 from fgplan.bench.intermittent_methods import indoor_case, run_method
 from fgplan.errors import InvalidInputError, NoCandidatePathError, OptionError
@@ -170,6 +171,9 @@ def test_joining_takes_the_longer_log_and_never_counts_twice():
     assert first.heard.tolist() == [3, 5]
     assert first.readings == 4
     assert [record.time for _, record in first.records()] == [1, 2, 3, 5]
+    # Of two logs that overlap the longer is taken, not both.
+    begun = remember(know_nothing(0, 2, start), 1, one.logs[0][0])
+    assert join(join(two, begun), one).logs == first.logs
     # A log that a later checkpoint has passed is lost, and is counted.
     later = replace(two, checkpoint=replace(start, time=2))
     assert [record.time for _, record in join(later, one).records()] == [3, 5]
@@ -202,11 +206,14 @@ def test_heuristic_goes_straight_to_a_point_and_waits():
     problem = segment_problem(block_model(2), [(1, 1), (9, 9)], [0, 25])
     segment = plan_meeting_point(problem, SegmentOptions(), np.random.default_rng(3))
     np.testing.assert_array_equal(segment.places[0][-1], segment.places[1][-1])
+    waited = []
     for places, time in zip(segment.places, (0, 25), strict=True):
         assert len(places) == segment.end - time + 1
         ways = np.hypot(*np.diff(places, axis=0).T)
         moving = np.flatnonzero(ways > 0)
         assert moving[-1] == len(moving) - 1  # never stops before it waits
+        waited.append(len(ways) - len(moving))
+    assert min(waited) == 0  # until the last is there, and no longer
     walls = [[(4, -1), (5, -1), (5, 11), (4, 11)]]
     apart = SegmentProblem(
         workspace=Workspace(lower=[0, 0], upper=[10, 10], obstacles=walls),
@@ -318,6 +325,15 @@ def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path)
         film_team_run(case.setup.workspace, team, names, targets, tmp_path / "a.mp4")
 
 
+def test_bench_of_two_robots_counts_every_plan_once():
+    found = bench_team(2, 3)
+    assert sum(found["limit_held_for"].values()) == found["plans"] == 3
+    assert found["met"] == 1.0
+    assert found["unexplained"] == 0
+    assert set(found["failed"]) <= {"uncertainty", "connection", "time"}
+
+
+@pytest.mark.full
 def test_bench_says_what_failed():
     outcome = bench(CommandOptions(quick=True))
     assert [team["robots"] for team in outcome.results["teams"]] == [2, 3, 4]

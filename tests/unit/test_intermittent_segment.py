@@ -129,9 +129,10 @@ def test_goal_nodes_are_connected_and_simultaneous_and_whole_paths_sound(sync, b
     assert met > 0
 
 
-def test_rewiring_keeps_simultaneous_nodes_simultaneous_and_costs_and_times_those_of_the_path():
+@pytest.mark.parametrize("sync", ["strict", "slowdown"])
+def test_rewiring_keeps_simultaneous_nodes_simultaneous_and_times_those_of_the_path(sync):
     problem = drawn_problem(2)
-    options = SegmentOptions(samples=250, explore=150, sync="strict")
+    options = SegmentOptions(samples=250, explore=150, sync=sync)
     grown = JointTree(problem, options)
     tree = grown.tree
     was, parents, rewired = np.zeros(0, dtype=bool), np.zeros(0, dtype=int), 0
