@@ -13,6 +13,7 @@ from intermittent_scenes import (
 
 from fgplan.bench.intermittent_scene import team_graph
 from fgplan.errors import InvalidInputError
+from fgplan.planners.intermittent.delay import team_delays
 from fgplan.planners.intermittent.geodesic_way import geodesic_cells
 from fgplan.planners.intermittent.meeting_points import plan_meeting_point
 from fgplan.planners.intermittent.options import SegmentOptions
@@ -86,21 +87,23 @@ def epochs_passed(state):
     return [(record.time, record.epoch) for record in state.meetings]
 
 
-def longest_delay(setup, run):
-    """Largest age, in epochs, of anything at the meeting at which it was first heard."""
+def ages_of_news(setup, run):
+    """Largest age, in epochs, of what a robot first heard at a meeting, by robot and time."""
     passed = {state.robot: epochs_passed(state) for state in run.robots}
-    worst = 0
+    ages = {}
     for state in run.robots:
         before = np.zeros(len(setup.robots), dtype=int)
         for record in state.meetings:
             heard = np.array(record.heard)
+            worst = 0
             for row in np.flatnonzero(heard > before):
                 name = setup.robots[row]
                 oldest = before[row] + 1  # first step that was new
                 own = [epoch for time, epoch in passed[name] if time < oldest]
                 worst = max(worst, record.epoch - max(own, default=0))
             before = heard
-    return worst
+            ages[state.robot, record.time] = worst
+    return ages
 
 
 @pytest.mark.parametrize(
@@ -115,8 +118,22 @@ def test_team_estimates_equal_the_global_one_up_to_the_bound(graph):
     assert all(record.time == record.due for state in run.robots for record in state.meetings)
     assert min(len(state.meetings) for state in run.robots) > schedule.delay_bound
     assert_checkpoints_and_logs_are_exact(setup, run)
-    assert longest_delay(setup, run) <= schedule.delay_bound
+    ages = ages_of_news(setup, run)
+    assert 1 < max(ages.values()) <= schedule.delay_bound
+    delays = {}
+    for team in range(len(graph.teams)):
+        delays |= {(team, one.time): one for one in team_delays(run, team)}
+    assert len(delays) == len(run.snapshots)
     for snapshot in run.snapshots:
+        delay = delays[snapshot.team, snapshot.time]
+        assert delay.age_epochs == ages[snapshot.robot, snapshot.time]
+        # t*: up to there the estimates are the same, in the step after it they differ.
+        whole = run.everything.means[snapshot.begun : snapshot.time]
+        gaps = np.linalg.norm(snapshot.filtered.means - whole, axis=1)
+        same = delay.agrees_until - snapshot.begun
+        assert (gaps[:same] <= 1e-9).all()
+        assert same == len(gaps) or gaps[same] > 1e-9
+        assert delay.error_m == (0.0 if same == len(gaps) else gaps[same:].mean())
         means = run.everything.means[snapshot.begun : snapshot.time]
         state = next(s for s in run.robots if s.robot == snapshot.robot)
         record = next(r for r in state.meetings if r.time == snapshot.time)
@@ -133,6 +150,26 @@ def test_team_estimates_equal_the_global_one_up_to_the_bound(graph):
             ]
             if old:
                 assert record.heard[row] >= old[-1]
+
+
+def test_plans_know_where_everybody_goes_until_it_starts():
+    problems = []
+
+    def plan(problem, options, generator):
+        problems.append(problem)
+        return plan_meeting_point(problem, options, generator)
+
+    _, run, _ = run_small(propose_teams(4), 100, planner=plan)
+    checked = 0
+    for problem in problems:
+        now = problem.estimate.time
+        for body, robot in enumerate(problem.carriers):
+            rows = np.arange(now, min(problem.times[body], 100) + 1)
+            np.testing.assert_allclose(
+                problem.tracks[rows - now, body], run.positions[rows, robot], atol=1e-12
+            )
+            checked += len(rows) > 5
+    assert checked > 10
 
 
 def test_positions_keep_speed_and_walls_and_teams_meet_in_range():
@@ -202,6 +239,16 @@ def test_random_absences_lose_nothing_and_count_nothing_twice(graph, seed):
     assert late or graph is THREES
     for record in missed:
         assert record.time >= record.due + 6
+    ways = np.diff(run.positions, axis=0)
+    assert np.hypot(ways[..., 0], ways[..., 1]).max() <= 0.5 + 1e-9
+    for row in range(len(graph.robots)):
+        places = run.positions[:, row]
+        assert room().are_motions_valid(places[:-1], places[1:]).all()
+    # Nobody goes to a meeting that is over; who wakes up in one leaves in the same step.
+    woken = {(absence.robot, absence.end) for absence in absences}
+    for state in run.robots:
+        for record in state.meetings:
+            assert record.time <= record.due + 6 or (state.robot, record.time) in woken
     assert_checkpoints_and_logs_are_exact(setup, run)
     # Long after the last absence everybody has what was measured in it.
     last = max(absence.end for absence in absences)

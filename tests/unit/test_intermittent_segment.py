@@ -242,6 +242,13 @@ def test_formation_needs_no_meeting_and_keeps_its_shape_free():
     for offset in offsets:
         places = segment.places[0] + offset
         assert problem.workspace.are_motions_valid(places[:-1], places[1:]).all()
+    grown = grow_tree(problem, options, np.random.default_rng(0))
+    ends = grown.tree.position[1 : grown.count, 0]
+    begins = grown.tree.position[grown.tree.parent[1 : grown.count], 0]
+    for offset in offsets:
+        assert problem.workspace.are_motions_valid(begins + offset, ends + offset).all()
+    # A single robot at the centre would have gone nearer to the wall.
+    assert np.abs(ends[:, 0] - 4.2).min() < 1.2
 
 
 @given(st.integers(0, 10_000))
