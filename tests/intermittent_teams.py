@@ -1,28 +1,8 @@
-"""Team graphs for tests: those of figure 1 of Khodayi-mehr et al. 2019, and random ones."""
+"""Random team graphs for tests; those of the paper are in ``fgplan.bench.intermittent_scene``."""
 
 import numpy as np
 
 from fgplan.planners.intermittent.team_graph import TeamGraph
-
-G1_TEAMS = (
-    ("r12", "r18"),
-    ("r12", "r23"),
-    ("r23", "r34"),
-    ("r34", "r45"),
-    ("r45", "r56"),
-    ("r56", "r67"),
-    ("r67", "r78"),
-    ("r18", "r78"),
-)
-G2_TEAMS = (
-    ("r12", "r14", "r15"),
-    ("r12", "r23", "r25"),
-    ("r23", "r34", "r35"),
-    ("r14", "r34", "r45"),
-    ("r15", "r25", "r35", "r45"),
-)
-ROBOTS_1 = ("r12", "r23", "r34", "r45", "r56", "r67", "r78", "r18")
-ROBOTS_2 = ("r12", "r14", "r15", "r23", "r25", "r34", "r35", "r45")
 
 
 def random_team_graph(teams: int, generator: np.random.Generator) -> TeamGraph:

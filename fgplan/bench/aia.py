@@ -76,7 +76,7 @@ def run(options: CommandOptions) -> CommandOutcome:
     compile_seconds = time.perf_counter() - began
     firsts: dict[str, list[float]] = {name: [] for name in ("setup", "ours", "reference")}
     for seed in seeds:
-        options.progress(seed, len(seeds), f"first plans, seed {seed}")
+        options.progress(seed - seeds[0], len(seeds), f"first plans, seed {seed}")
         problem = kantaros_scene(
             robots, targets, np.random.default_rng(seed), dynamics=dynamics, moving=moving
         )

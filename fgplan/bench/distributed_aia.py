@@ -73,7 +73,7 @@ def run(options: CommandOptions) -> CommandOutcome:
     bytes_sent: list[list[float]] = [[] for _ in teams]
     degrees: list[list[float]] = [[] for _ in teams]
     for seed in seeds:
-        options.progress(seed, len(seeds), f"seed {seed}")
+        options.progress(seed - seeds[0], len(seeds), f"seed {seed}")
         growths = [make_growth(robots, degree, seed) for robots, degree in teams]
         for place, growth in enumerate(growths):
             degrees[place].append(growth.graph.average_degree())

@@ -95,9 +95,8 @@ def indoor_case(graph: str, seed: int, steps: int) -> IndoorCase:
     world = indoor_world()
     generator = np.random.default_rng(seed)
     places = sample_positions(world, robots, generator)
-    truth = draw_truth(
-        model.hidden, STARTS_M[list(targets)].reshape(-1), steps, model, robots, generator
-    )
+    start = STARTS_M[list(targets)].reshape(-1)
+    truth = draw_truth(model.hidden, start, steps, model, robots, generator, world)
     setup = TeamSetup(
         schedule=make_schedule(teams),
         model=model,

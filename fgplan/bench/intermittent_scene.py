@@ -12,7 +12,8 @@ Targets follow straight or circular paths and are pushed off them: with r(t) the
     x(t + 1) = a x(t) + (r(t + 1) - a r(t)) + w,   w ~ N(0, q diag(1, 1, share))
 
 where the share of the height is small: they move on level paths. An unseen target's variance tends
-to q / (1 - a^2), a square metre; walls do not stop a target that is pushed.
+to q / (1 - a^2), a square metre. Targets avoid walls, as printed: noise that would push one into a
+wall or out of the floor is drawn anew (``truth.draw_truth``); the filter knows nothing of it.
 """
 
 from typing import Any
@@ -107,6 +108,7 @@ UNPRINTED: dict[str, Any] = {
     "q_m2": 4.5e-3,
     "q_height_share": 0.1,
     "target_speed_m": 0.02,
+    "targets_at_walls": "steps that would touch a wall or leave the floor are drawn anew",
     "circle_radius_m": 0.4,
     "line_length_m": 1.6,
     "steps": 600,

@@ -166,10 +166,23 @@ def _add_common(parser: argparse.ArgumentParser, *, seeds: bool = True) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the result here too")
     if seeds:
         parser.add_argument("--seeds", metavar="N", type=_count, help="number of seeds")
+        parser.add_argument(
+            "--first-seed",
+            metavar="S",
+            type=_seed,
+            help="first seed (default 0, or the scenario's)",
+        )
     parser.add_argument("--quick", action="store_true", help="a short version, as tests run it")
     parser.add_argument(
         "--check", action="store_true", help="exit with 1 if a requirement is not met"
     )
+
+
+def _seed(text: str) -> int:
+    """A whole number of zero or more."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a whole number, 0 or more, got {text!r}")
+    return int(text)
 
 
 def _count(text: str) -> int:

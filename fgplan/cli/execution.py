@@ -21,7 +21,7 @@ from roadmaps import RoadmapError, UnreachableError
 
 DONE, NOT_MET, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-_SHARED = ("verb", "name", "out", "json", "seeds", "quick", "check")
+_SHARED = ("verb", "name", "out", "json", "seeds", "first_seed", "quick", "check")
 
 
 def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
@@ -81,6 +81,7 @@ def _execute_work(
         name=name,
         out=folder,
         seeds=getattr(arguments, "seeds", None),
+        first_seed=getattr(arguments, "first_seed", None),
         quick=arguments.quick,
         arguments={k: v for k, v in vars(arguments).items() if k not in _SHARED},
         progress=progress,

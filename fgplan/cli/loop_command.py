@@ -46,7 +46,8 @@ def run_loop_scenario(
     """Run the closed loop of a scenario, or go on with one that was stopped.
 
     Args:
-        options: ``seeds`` runs it with as many seeds instead of ``runs``; ``quick`` makes a short
+        options: ``seeds`` runs it with as many seeds instead of ``runs``, from ``first_seed`` or
+            the scenario's on; ``quick`` makes a short
             film.
         scenario: The scenario.
         simulation: Its ``[simulation]``.
@@ -62,6 +63,7 @@ def run_loop_scenario(
         NoCandidatePathError: If no robot can reach a goal.
     """
     first = scenario.seed if simulation.seed is None else simulation.seed
+    first = first if options.first_seed is None else options.first_seed
     seeds = tuple(range(first, first + (options.seeds or simulation.runs)))
     missions = [
         make_loop_mission(scenario, simulation, mission, seed, Place(path)) for seed in seeds

@@ -38,7 +38,7 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
 
     Args:
         options: ``arguments["scenario"]`` is the scenario file or log; ``seeds`` plans it with as
-            many seeds, from the scenario's on; figures show the first.
+            many seeds, from ``first_seed`` or the scenario's on; figures show the first.
 
     Returns:
         Plans by seed under ``plans``.
@@ -54,7 +54,8 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
     options.record({})
     if options.out is not None:
         begin_folder(run, options.out)
-    seeds = tuple(range(scenario.seed, scenario.seed + (options.seeds or 1)))
+    first = scenario.seed if options.first_seed is None else options.first_seed
+    seeds = tuple(range(first, first + (options.seeds or 1)))
     plans: list[Plan] = []
     for seed in seeds:
         seeded = dataclasses.replace(mission, seed=seed)

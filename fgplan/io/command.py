@@ -35,6 +35,7 @@ class CommandOptions:
         name: Name of the demo, bench or reproduction.
         out: Folder for figures and files; it exists. None writes no files.
         seeds: Number of seeds asked for, or None for the command's own number.
+        first_seed: The first of them, or None for the command's own: 0, or the scenario's.
         quick: A short version, for tests and CI.
         arguments: Values of the command's own arguments, by name.
         progress: Called as ``progress(done, total, doing)``; shows a line on a terminal.
@@ -44,13 +45,14 @@ class CommandOptions:
     name: str = ""
     out: Path | None = None
     seeds: int | None = None
+    first_seed: int | None = None
     quick: bool = False
     arguments: Mapping[str, Any] = field(default_factory=dict)
     progress: Callable[[int, int, str], None] = _no_progress
     record: Callable[[Mapping[str, Any]], None] = _no_record
 
     def seed_range(self, default: int, quick: int = 1) -> tuple[int, ...]:
-        """Seeds 0, 1, ... as many as asked for.
+        """Seeds 0, 1, ..., or from ``first_seed`` on, as many as asked for.
 
         Args:
             default: How many where nothing is asked for.
@@ -60,7 +62,8 @@ class CommandOptions:
             The seeds.
         """
         count = (quick if self.quick else default) if self.seeds is None else self.seeds
-        return tuple(range(count))
+        first = 0 if self.first_seed is None else self.first_seed
+        return tuple(range(first, first + count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from fgplan.planners.intermittent.team_run import TeamRun
 from fgplan.typing import FloatArray
 from fgplan.viz.figure import new_figure
 from fgplan.viz.map_drawing import MapPicture, draw_workspace, map_extent
-from fgplan.viz.palette import ROBOT_COLORS, robot_styles
+from fgplan.viz.palette import ROBOT_COLORS, RobotStyle, robot_styles
 from roadmaps import Workspace
 
 if TYPE_CHECKING:
@@ -48,15 +48,18 @@ def draw_two_series(
     upper, lower = figure.subplots(2, 1, sharex=True)
     for place, (label, (error, eigenvalue)) in enumerate(series.items()):
         color, dash = ROBOT_COLORS[place], ("-", "--", ":")[place % 3]
-        upper.plot(1 + np.arange(len(error)), error, color=color, ls=dash, lw=1.2, label=label)
-        lower.plot(1 + np.arange(len(eigenvalue)), eigenvalue, color=color, ls=dash, lw=1.2)
+        width = 1.2 if dash == "-" else 1.7  # gaps make a line look thinner
+        upper.plot(1 + np.arange(len(error)), error, color=color, ls=dash, lw=width, label=label)
+        lower.plot(1 + np.arange(len(eigenvalue)), eigenvalue, color=color, ls=dash, lw=width)
     for axes, name in ((upper, _ERROR), (lower, _EIGENVALUE)):
         for time in marks:
-            axes.axvline(time, color="#AA88CC", ls="--", lw=0.6)
+            axes.axvline(time, color="#AA88CC", ls="--", lw=0.8)
         if bound is not None:
             axes.axvline(bound, color="#6A3D9A", ls="--", lw=2.2)
         axes.set_ylabel(name)
         axes.set_ylim(bottom=0.0)
+    if len(marks):
+        upper.plot([], [], color="#AA88CC", ls="--", lw=0.8, label="an epoch passed by all")
     if bound is not None:
         upper.plot([], [], color="#6A3D9A", ls="--", lw=2.2, label="bound of Proposition III.2")
     upper.set_title(title, fontsize=14)
@@ -96,6 +99,7 @@ def draw_delays(
 def draw_team_paths(
     workspace: Workspace,
     panels: Mapping[str, tuple[Mapping[str, FloatArray], FloatArray]],
+    names: Sequence[str],
     title: str,
 ) -> "Figure":
     """Paths of teams to a meeting, and of the targets in that time, a map each: figure 8.
@@ -104,6 +108,7 @@ def draw_team_paths(
         workspace: Bounds and obstacles.
         panels: Places of each robot, shape (S, 2), and of the targets, shape (S, M, 2), by title
             of the map.
+        names: Robots in the order of the team: each has its colour in every map.
         title: Of the figure.
 
     Returns:
@@ -113,7 +118,7 @@ def draw_team_paths(
     for axes, (name, (ways, targets)) in zip(picture.axes, panels.items(), strict=True):
         draw_workspace(picture, axes, workspace)
         axes.set_title(name, fontsize=11)
-        _draw_ways(axes, ways)
+        _draw_ways(axes, ways, robot_styles(names))
         for robot, way in ways.items():
             at = (float(way[0, 0]), float(way[0, 1]))
             axes.annotate(robot, at, (7, 5), textcoords="offset points", fontsize=9, zorder=9)
@@ -151,7 +156,7 @@ def draw_team_run(
     axes = picture.axes[0]
     draw_workspace(picture, axes, workspace)
     ways = {name: run.positions[since : until + 1, row] for row, name in enumerate(names)}
-    _draw_ways(axes, ways)
+    _draw_ways(axes, ways, robot_styles(names))
     _draw_targets(axes, targets[since : until + 1])
     for snapshot in run.snapshots:
         if since <= snapshot.time <= until:
@@ -220,7 +225,7 @@ def _frames(
         draw_workspace(picture, axes, workspace)
         begin = max(0, step - tail)
         ways = {name: run.positions[begin : step + 1, row] for row, name in enumerate(names)}
-        _draw_ways(axes, ways, start=False)
+        _draw_ways(axes, ways, robot_styles(names), start=False)
         _draw_targets(axes, targets[begin : step + 1])
         for snapshot in run.snapshots:
             if before < snapshot.time <= step:
@@ -229,6 +234,7 @@ def _frames(
         for name, style in robot_styles(names).items():
             picture.entry(name, color=style.color, ls=style.dash)
         picture.entry("meeting, team", color="black", marker="o", mfc="none", ls="", ms=9)
+        _explain(picture, start=False)
         figure = picture.finish(f"step {step}")
         figure.canvas.draw()
         pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
@@ -236,10 +242,16 @@ def _frames(
         yield Image.fromarray(np.ascontiguousarray(pixels)).convert("P")
 
 
-def _draw_ways(axes: "Axes", ways: Mapping[str, FloatArray], *, start: bool = True) -> None:
+def _draw_ways(
+    axes: "Axes",
+    ways: Mapping[str, FloatArray],
+    styles: Mapping[str, RobotStyle],
+    *,
+    start: bool = True,
+) -> None:
     """Ways of robots from a star to a square."""
-    for name, style in robot_styles(list(ways)).items():
-        way = ways[name]
+    for name, way in ways.items():
+        style = styles[name]
         axes.plot(*way.T, color=style.color, ls=style.dash, lw=1.3, zorder=5)
         if start:
             axes.plot(*way[0], "*", color=style.color, mec="white", mew=0.5, ms=11, zorder=7)
@@ -261,8 +273,9 @@ def _draw_meeting(axes: "Axes", place: FloatArray, team: int) -> None:
     axes.annotate(str(team + 1), at, (9, 5), textcoords="offset points", fontsize=9, zorder=9)
 
 
-def _explain(picture: MapPicture) -> None:
-    """Legend entries of all maps."""
-    picture.entry("start of a way", color="#888888", marker="*", ms=11, ls="")
-    picture.entry("end of a way", color="#888888", marker="s", ms=6, ls="")
+def _explain(picture: MapPicture, *, start: bool = True) -> None:
+    """Legend entries of all maps; a film shows ends of ways only: where robots are."""
+    if start:
+        picture.entry("start of a way", color="#888888", marker="*", ms=11, ls="")
+    picture.entry("end of a way" if start else "robot", color="#888888", marker="s", ms=6, ls="")
     picture.entry("target: way and end", color="black", marker="x", ms=6, ls="")

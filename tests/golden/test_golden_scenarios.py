@@ -5,13 +5,12 @@ The trace also holds the value of every candidate from scratch under what was ag
 golden run is an oracle test at the same time.
 """
 
-import difflib
 import json
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from golden_trace import RELATIVE, assert_follows
 
 from fgplan.cli.run_recording import draw_candidates, joined_states
 from fgplan.evaluation.from_scratch import FromScratch
@@ -21,7 +20,6 @@ from fgplan.planners.registry import find_planner
 
 FOLDER = Path(__file__).parent
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
-RELATIVE = 1e-9
 COUNTS = (
     "turns",
     "announcements",
@@ -68,35 +66,10 @@ def trace(path: Path) -> dict:
     }
 
 
-def difference(wanted: object, came: object, place: str = "") -> list[str]:
-    """Places where two traces differ by more than rounding."""
-    if isinstance(wanted, dict) and isinstance(came, dict) and wanted.keys() == came.keys():
-        return [
-            line for key in wanted for line in difference(wanted[key], came[key], f"{place}.{key}")
-        ]
-    if isinstance(wanted, list) and isinstance(came, list) and len(wanted) == len(came):
-        pairs = enumerate(zip(wanted, came, strict=True))
-        return [line for i, (a, b) in pairs for line in difference(a, b, f"{place}[{i}]")]
-    if isinstance(wanted, float) and isinstance(came, float):
-        same = math.isclose(wanted, came, rel_tol=RELATIVE)
-    else:
-        same = type(wanted) is type(came) and wanted == came
-    return [] if same else [f"{place}: expected {wanted!r}, got {came!r}"]
-
-
 @pytest.mark.parametrize("path", SCENARIOS, ids=[path.stem for path in SCENARIOS])
 def test_run_follows_its_trace(path, pytestconfig):
-    came = json.loads(json.dumps(trace(path)))
-    golden = path.with_suffix(".json")
-    text = json.dumps(came, indent=1) + "\n"
-    if pytestconfig.getoption("--update-golden"):
-        golden.write_text(text, encoding="utf-8")
-    wanted = json.loads(golden.read_text(encoding="utf-8"))
-    places = difference(wanted, came)
-    lines = difflib.unified_diff(
-        golden.read_text(encoding="utf-8").splitlines(), text.splitlines(), "golden", "now", n=1
-    )
-    assert not places, "\n".join([*places[:20], "", *list(lines)[:60]])
+    update = pytestconfig.getoption("--update-golden")
+    assert_follows(path.with_suffix(".json"), trace(path), update=update)
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=[path.stem for path in SCENARIOS])

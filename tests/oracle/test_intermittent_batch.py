@@ -86,14 +86,16 @@ def test_filter_equals_the_batch_solution(size):
         np.testing.assert_allclose(block, covariance[part, part], rtol=1e-7, atol=1e-12)
 
 
-def test_cost_and_covariance_of_tree_nodes_equal_the_batch_solution():
+# The later body starts within the first edge of the other, or only after several.
+@pytest.mark.parametrize("late", [9, 31])
+def test_cost_and_covariance_of_tree_nodes_equal_the_batch_solution(late):
     blocks = block_model(2)
     dense = dense_model(blocks)
     problem = segment_problem(
         blocks,
         [(1.0, 1.0), (6.0, 2.0)],
-        [2, 9],
-        tracks=np.linspace((0.5, 0.5, 7.5, 2.0), (1.0, 1.0, 6.0, 2.0), 10).reshape(10, 2, 2),
+        [2, late],
+        tracks=np.linspace((0.5, 0.5, 7.5, 2.0), (1.0, 1.0, 6.0, 2.0), late + 1).reshape(-1, 2, 2),
     )
     options = SegmentOptions(samples=120, explore=80)
     grown = grow_tree(problem, options, np.random.default_rng(2))

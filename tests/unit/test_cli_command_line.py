@@ -118,6 +118,7 @@ def test_bad_input_ends_with_two_and_one_line(bench, capsys, words, message):
         ([], "expected a command"),
         (["fly"], "invalid choice: 'fly'"),
         (["bench", "count", "--seeds", "0"], "whole number, 1 or more, got '0'"),
+        (["bench", "count", "--first-seed", "-1"], "whole number, 0 or more, got '-1'"),
         (["bench", "count", "--colour"], "unrecognized arguments: --colour"),
         (["bench", "nothing"], "invalid choice: 'nothing'"),
         (["run"], "SCENARIO"),

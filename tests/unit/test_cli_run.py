@@ -67,6 +67,14 @@ def test_same_seed_gives_the_same_plan(run_folder, tmp_path):
     assert first.value != second.value
 
 
+def test_first_seed_takes_the_place_of_the_scenarios(run_folder, tmp_path):
+    words = ["run", str(EXAMPLE), "--out", str(tmp_path), "--quick", "--first-seed", "2"]
+    assert main(words) == 0
+    (plan,) = plans(tmp_path)
+    assert plan.seed == 2
+    assert plan.value != plans(run_folder)[0].value
+
+
 def test_plot_draws_the_same_figures_without_running(run_folder, capsys):
     for name in FIGURES:
         (run_folder / name).unlink()

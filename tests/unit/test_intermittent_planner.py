@@ -7,9 +7,9 @@ import msgspec
 import numpy as np
 import pytest
 from intermittent_scenes import block_model, estimate_of, room, segment_problem
-from intermittent_teams import G1_TEAMS, G2_TEAMS
 
 from fgplan.bench import intermittent_scene
+from fgplan.bench.intermittent import bench_team
 from fgplan.bench.intermittent import run as bench
 from fgplan.bench.intermittent_methods import indoor_case, run_method
 from fgplan.errors import InvalidInputError, NoCandidatePathError, OptionError
@@ -171,6 +171,9 @@ def test_joining_takes_the_longer_log_and_never_counts_twice():
     assert first.heard.tolist() == [3, 5]
     assert first.readings == 4
     assert [record.time for _, record in first.records()] == [1, 2, 3, 5]
+    # Of two logs that overlap the longer is taken, not both.
+    begun = remember(know_nothing(0, 2, start), 1, one.logs[0][0])
+    assert join(join(two, begun), one).logs == first.logs
     # A log that a later checkpoint has passed is lost, and is counted.
     later = replace(two, checkpoint=replace(start, time=2))
     assert [record.time for _, record in join(later, one).records()] == [3, 5]
@@ -203,11 +206,14 @@ def test_heuristic_goes_straight_to_a_point_and_waits():
     problem = segment_problem(block_model(2), [(1, 1), (9, 9)], [0, 25])
     segment = plan_meeting_point(problem, SegmentOptions(), np.random.default_rng(3))
     np.testing.assert_array_equal(segment.places[0][-1], segment.places[1][-1])
+    waited = []
     for places, time in zip(segment.places, (0, 25), strict=True):
         assert len(places) == segment.end - time + 1
         ways = np.hypot(*np.diff(places, axis=0).T)
         moving = np.flatnonzero(ways > 0)
         assert moving[-1] == len(moving) - 1  # never stops before it waits
+        waited.append(len(ways) - len(moving))
+    assert min(waited) == 0  # until the last is there, and no longer
     walls = [[(4, -1), (5, -1), (5, 11), (4, 11)]]
     apart = SegmentProblem(
         workspace=Workspace(lower=[0, 0], upper=[10, 10], obstacles=walls),
@@ -252,8 +258,6 @@ def test_formation_keeps_its_shape_and_everybody_knows_everything():
 
 
 def test_the_scene_is_the_paper_s_in_what_the_paper_prints():
-    assert intermittent_scene.G1_TEAMS == G1_TEAMS
-    assert intermittent_scene.G2_TEAMS == G2_TEAMS
     case = indoor_case("G1", 0, 5)
     options = case.setup.options
     assert (options.step_m, options.range_m) == (0.1, 0.2)
@@ -265,6 +269,10 @@ def test_the_scene_is_the_paper_s_in_what_the_paper_prints():
     for path in np.moveaxis(intermittent_scene.target_paths(tuple(range(8)), 400), 1, 0):
         assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() <= 0.02 + 1e-12
         assert case.setup.workspace.has_line_of_sight(path[:-1, :2], path[1:, :2]).all()
+    # Targets avoid walls, also where noise pushes them.
+    moved = np.moveaxis(indoor_case("G1", 1, 300).truth.states.reshape(301, 8, 3), 1, 0)
+    for places in moved[..., :2]:
+        assert case.setup.workspace.are_motions_valid(places[:-1], places[1:]).all()
 
 
 def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path):
@@ -294,16 +302,38 @@ def test_methods_meet_the_same_targets_and_delays_stay_below_the_bound(tmp_path)
             bound=30,
         ),
         "delays": draw_delays({"one": (np.arange(3.0), np.arange(3.0), np.ones(3))}, "delays"),
-        "paths": draw_team_paths(world, {"team 1": (ways, targets[:50])}, "paths"),
+        "paths": draw_team_paths(
+            world,
+            {
+                "team 1": (ways, targets[:50]),
+                "team 2": ({"r23": team.positions[:50, 1]} | ways, targets[:50]),
+            },
+            names,
+            "paths",
+        ),
         "run": draw_team_run(world, team, names, targets, "run", since=10),
     }
     for name, figure in drawn.items():
         assert save(figure, tmp_path / f"{name}.png").stat().st_size > 1000
         assert all(axes.lines or axes.patches for axes in figure.axes)
+    # A robot has one colour in every map, whoever else is drawn.
+    first, second = (axes.lines for axes in drawn["paths"].axes[:2])
+    assert ways["r12"][0, 0] in first[0].get_xdata()
+    same = [line for line in second if np.array_equal(line.get_xdata(), ways["r12"][:, 0])]
+    assert [line.get_color() for line in same] == [first[0].get_color()]
     with pytest.raises(InvalidInputError, match=r"\.gif"):
         film_team_run(case.setup.workspace, team, names, targets, tmp_path / "a.mp4")
 
 
+def test_bench_of_two_robots_counts_every_plan_once():
+    found = bench_team(2, 3)
+    assert sum(found["limit_held_for"].values()) == found["plans"] == 3
+    assert found["met"] == 1.0
+    assert found["unexplained"] == 0
+    assert set(found["failed"]) <= {"uncertainty", "connection", "time"}
+
+
+@pytest.mark.full
 def test_bench_says_what_failed():
     outcome = bench(CommandOptions(quick=True))
     assert [team["robots"] for team in outcome.results["teams"]] == [2, 3, 4]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from intermittent_teams import G1_TEAMS, G2_TEAMS, ROBOTS_1, ROBOTS_2, random_team_graph
+from intermittent_teams import random_team_graph
 
+from fgplan.bench.intermittent_scene import team_graph
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.planners.intermittent.schedule import Schedule, make_schedule
 from fgplan.planners.intermittent.team_graph import TeamGraph, propose_teams
@@ -18,7 +19,7 @@ GRAPHS = st.builds(
 
 
 def test_first_graph_of_the_paper_has_the_printed_schedules():
-    schedule = make_schedule(TeamGraph(ROBOTS_1, G1_TEAMS))
+    schedule = make_schedule(team_graph("G1"))
     assert schedule.period == 2
     printed = {
         "r12": (1, 2),
@@ -32,13 +33,14 @@ def test_first_graph_of_the_paper_has_the_printed_schedules():
     }
     for robot, teams in printed.items():
         assert schedule.sequence(robot) == tuple(team - 1 for team in teams)
+    assert set(schedule.graph.robots) == set(printed)
     assert schedule.graph.longest_shortest_path == 5
     assert schedule.delay_bound == 5  # as printed
     assert make_schedule(schedule.graph, "degree+1").period == 3  # the formula of section III-A
 
 
 def test_second_graph_of_the_paper_has_a_bound_of_six_by_definition():
-    schedule = make_schedule(TeamGraph(ROBOTS_2, G2_TEAMS))
+    schedule = make_schedule(team_graph("G2"))
     assert schedule.period == 3
     x = None
     printed = {
@@ -51,7 +53,8 @@ def test_second_graph_of_the_paper_has_a_bound_of_six_by_definition():
         "r35": (2, x, 4),
         "r45": (x, 3, 4),
     }
-    assert {robot: schedule.sequence(robot) for robot in ROBOTS_2} == printed
+    assert {robot: schedule.sequence(robot) for robot in printed} == printed
+    assert set(schedule.graph.robots) == set(printed)
     # Teams 1 and 3 share no robot, so L is 3; the paper prints (3 - 1) x 2 = 4.
     assert schedule.graph.longest_shortest_path == 3
     assert schedule.delay_bound == 6

@@ -129,6 +129,28 @@ def test_goal_nodes_are_connected_and_simultaneous_and_whole_paths_sound(sync, b
     assert met > 0
 
 
+@pytest.mark.parametrize("sync", ["strict", "slowdown"])
+def test_rewiring_keeps_simultaneous_nodes_simultaneous_and_times_those_of_the_path(sync):
+    problem = drawn_problem(2)
+    options = SegmentOptions(samples=250, explore=150, sync=sync)
+    grown = JointTree(problem, options)
+    tree = grown.tree
+    was, parents, rewired = np.zeros(0, dtype=bool), np.zeros(0, dtype=int), 0
+    for wanted in draw_samples(problem, options, np.random.default_rng(2)):
+        grown.extend(wanted)
+        now = np.ptp(tree.time[: grown.count], axis=1) == 0
+        assert now[: len(was)][was].all()
+        changed = tree.parent[: len(parents)] != parents
+        assert (was | ~changed).all()  # only simultaneous nodes are rewired
+        rewired += int(changed.sum())
+        was, parents = now, tree.parent[: grown.count].copy()
+    assert rewired > 0
+    time = np.zeros(2, dtype=np.int64)
+    for node in range(1, grown.count):
+        arrive(tree, grown.space, int(parents[node]), tree.position[node], time)
+        np.testing.assert_array_equal(time, tree.time[node])
+
+
 def test_limit_of_the_most_uncertain_target_holds_at_the_end():
     problem = segment_problem(block_model(2), [(8, 1), (9, 1)], [0, 0])
     grown = grow_tree(problem, SegmentOptions(), np.random.default_rng(0))
@@ -220,6 +242,13 @@ def test_formation_needs_no_meeting_and_keeps_its_shape_free():
     for offset in offsets:
         places = segment.places[0] + offset
         assert problem.workspace.are_motions_valid(places[:-1], places[1:]).all()
+    grown = grow_tree(problem, options, np.random.default_rng(0))
+    ends = grown.tree.position[1 : grown.count, 0]
+    begins = grown.tree.position[grown.tree.parent[1 : grown.count], 0]
+    for offset in offsets:
+        assert problem.workspace.are_motions_valid(begins + offset, ends + offset).all()
+    # A single robot at the centre would have gone nearer to the wall.
+    assert np.abs(ends[:, 0] - 4.2).min() < 1.2
 
 
 @given(st.integers(0, 10_000))

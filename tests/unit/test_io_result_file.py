@@ -135,3 +135,4 @@ def test_seed_range_prefers_what_is_asked_for():
     assert CommandOptions().seed_range(5) == (0, 1, 2, 3, 4)
     assert CommandOptions(quick=True).seed_range(5, 2) == (0, 1)
     assert CommandOptions(quick=True, seeds=3).seed_range(5, 2) == (0, 1, 2)
+    assert CommandOptions(seeds=2, first_seed=100).seed_range(5) == (100, 101)

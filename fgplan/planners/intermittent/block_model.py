@@ -14,6 +14,7 @@ from fgplan.models.hidden_state import HiddenState
 from fgplan.models.sensor import AbstractSensor
 from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
 from fgplan.planners.aia.obstacle_kernels import Obstacles
+from fgplan.planners.intermittent.cost_task import CostTask
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
 from fgplan.planners.intermittent.filter_kernels import Readings, Targets, look, run_filter
 from fgplan.planners.intermittent.measurement_kernels import (
@@ -24,8 +25,8 @@ from fgplan.planners.intermittent.measurement_kernels import (
     block_uncertainty,
 )
 from fgplan.planners.intermittent.sensor_rows import sensor_rows
-from fgplan.planners.intermittent.tree_kernels import Space, Tree, cost_pairs
-from fgplan.typing import BoolArray, FloatArray, IntArray
+from fgplan.planners.intermittent.tree_kernels import cost_pairs
+from fgplan.typing import FloatArray
 from roadmaps import Workspace
 
 METRICS = {"largest_eigenvalue": LARGEST_EIGENVALUE, "trace": TRACE, "determinant": DETERMINANT}
@@ -221,43 +222,27 @@ class BlockModel:
             Estimate(until, mean.reshape(-1), covariance), means.reshape(steps, -1), uncertainty
         )
 
-    def cost_pairs(
-        self,
-        tree: Tree,
-        space: Space,
-        carriers: IntArray,
-        means: FloatArray,
-        pairs: tuple[IntArray, FloatArray, IntArray, FloatArray],
-        falling: bool,
-        out: tuple[FloatArray, FloatArray],
-        buffers: tuple[FloatArray, BoolArray],
-    ) -> None:
-        """Algorithm 4 for pairs of a parent and a child; see ``tree_kernels.cost_pairs``.
-
-        Args:
-            tree: Nodes.
-            space: What moves.
-            carriers: Robot of each carrier, shape (K,).
-            means: From ``space.base`` on, shape (T, n).
-            pairs: Parents, positions, times and limits.
-            falling: Whether each cost becomes the limit of those after it.
-            out: Costs and covariances, written.
-            buffers: Work for places of carriers, shapes (T, K, 2) and (T, K).
-        """
+    def cost_pairs(self, task: CostTask) -> None:
+        """Algorithm 4 for pairs of a parent and a child, compiled."""
         count, size = len(self.hidden.blocks), self.hidden.blocks[0].size
         cost_pairs(
-            tree,
-            space,
+            task.tree,
+            task.space,
             self.targets,
-            self.table[carriers],
+            self.table[task.carriers],
             self.obstacles,
-            means.reshape(-1, count, size),
+            task.means.reshape(-1, count, size),
             self.every,
             METRICS[self.metric],
-            *pairs,
-            falling,
-            *out,
-            *buffers,
+            task.parents,
+            task.positions,
+            task.times,
+            task.limits,
+            task.falling,
+            task.costs,
+            task.covariances,
+            task.places,
+            task.there,
             np.zeros((size + 2, size)),
         )
 

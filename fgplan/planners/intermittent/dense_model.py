@@ -14,6 +14,7 @@ import numpy as np
 from fgplan.errors import InvalidInputError
 from fgplan.models.hidden_state import square_root
 from fgplan.models.uncertainty import UncertaintyFunction, uncertainty_function
+from fgplan.planners.intermittent.cost_task import CostTask
 from fgplan.planners.intermittent.ekf import (
     Form,
     measurement_rows,
@@ -22,7 +23,7 @@ from fgplan.planners.intermittent.ekf import (
 )
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
 from fgplan.planners.intermittent.state_model import AbstractObservation, AbstractProcess
-from fgplan.planners.intermittent.tree_kernels import Space, Tree, place_carriers
+from fgplan.planners.intermittent.tree_kernels import place_carriers
 from fgplan.typing import BoolArray, FloatArray, IntArray
 from roadmaps import Workspace
 
@@ -202,40 +203,21 @@ class DenseModel:
             np.array(uncertainty),
         )
 
-    def cost_pairs(
-        self,
-        tree: Tree,
-        space: Space,
-        carriers: IntArray,
-        means: FloatArray,
-        pairs: tuple[IntArray, FloatArray, IntArray, FloatArray],
-        falling: bool,
-        out: tuple[FloatArray, FloatArray],
-        buffers: tuple[FloatArray, BoolArray],
-    ) -> None:
-        """Algorithm 4 for pairs of a parent and a child; see ``tree_kernels.cost_pairs``.
-
-        Args:
-            tree: Nodes.
-            space: What moves.
-            carriers: Robot of each carrier, shape (K,).
-            means: From ``space.base`` on, shape (T, n).
-            pairs: Parents, positions, times and limits.
-            falling: Whether each cost becomes the limit of those after it.
-            out: Costs and covariances, written.
-            buffers: Work for places of carriers, shapes (T, K, 2) and (T, K).
-        """
-        places, there = buffers
-        costs, covariances = out
+    def cost_pairs(self, task: CostTask) -> None:
+        """Algorithm 4 for pairs of a parent and a child."""
+        tree, space, means = task.tree, task.space, task.means
         best = np.inf
-        for n, (parent, position, times, limit) in enumerate(zip(*pairs, strict=True)):
+        pairs = zip(task.parents, task.positions, task.times, task.limits, strict=True)
+        for n, (parent, position, times, limit) in enumerate(pairs):
             start, end = int(tree.time[parent].min()), int(times.min())
-            below = min(limit, best) if falling else limit
-            costs[n] = np.inf
+            below = min(limit, best) if task.falling else limit
+            task.costs[n] = np.inf
             total = float(tree.cost[parent])
             if total >= below or end - space.base >= len(means):
                 continue
-            place_carriers(tree, space, parent, position, times, start, end, places, there)
+            place_carriers(
+                tree, space, parent, position, times, start, end, task.places, task.there
+            )
             covariance = tree.covariance[parent, 0]
             for time in range(start + 1, end + 1):
                 row = time - start - 1
@@ -243,13 +225,15 @@ class DenseModel:
                 _, covariance = predict_state(self.process, before, covariance, time - 1)
                 if time % self.every == 0:
                     mean = means[time - space.base]
-                    rows = self._planned_rows(carriers, mean, places[row], there[row])
+                    rows = self._planned_rows(
+                        task.carriers, mean, task.places[row], task.there[row]
+                    )
                     _, covariance = update_state(mean, covariance, rows, self.form)
                 total += float(self._function.evaluate(covariance, None))
                 if total >= below:
                     break
             else:
-                costs[n], covariances[n, 0] = total, covariance
+                task.costs[n], task.covariances[n, 0] = total, covariance
                 best = min(best, total)
 
     def _planned_rows(

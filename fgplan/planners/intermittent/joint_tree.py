@@ -15,6 +15,7 @@ so a candidate whose parent already costs as much as the best is left out, exact
 import numpy as np
 
 from fgplan.planners.aia.obstacle_arrays import obstacle_arrays
+from fgplan.planners.intermittent.cost_task import CostTask
 from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.segment_problem import SegmentProblem
 from fgplan.planners.intermittent.tree_kernels import (
@@ -75,7 +76,8 @@ class JointTree:
         steps = int(problem.times.max()) - problem.estimate.time + options.horizon_steps
         self.means = problem.model.predicted_means(problem.estimate, steps)
         carriers = len(problem.carriers)
-        self._buffers = (np.zeros((steps + 1, carriers, 2)), np.zeros((steps + 1, carriers), bool))
+        self._places = np.zeros((steps + 1, carriers, 2))
+        self._there = np.zeros((steps + 1, carriers), dtype=np.bool_)
         self._obstacles = obstacle_arrays(problem.workspace)
         self._longest = int(np.floor(options.epsilon_m / options.step_m + 1e-9))
         low = np.tile(problem.workspace.lower, bodies)
@@ -169,18 +171,25 @@ class JointTree:
             travelled=np.zeros((1, bodies + 1)),
         )
         on_tracks = space._replace(tracks=np.concatenate([space.tracks, nobody], axis=1))
-        out = (np.zeros(1), np.zeros((1, *tree.covariance.shape[1:])))
+        covariances = np.zeros((1, *tree.covariance.shape[1:]))
         problem.model.cost_pairs(
-            early,
-            on_tracks,
-            problem.carriers,
-            self.means,
-            (np.zeros(1, dtype=np.int64), early.position, np.full_like(early.time, start), _NO),
-            False,
-            out,
-            self._buffers,
+            CostTask(
+                tree=early,
+                space=on_tracks,
+                carriers=problem.carriers,
+                means=self.means,
+                parents=np.zeros(1, dtype=np.int64),
+                positions=early.position,
+                times=np.full_like(early.time, start),
+                limits=_NO,
+                falling=False,
+                costs=np.zeros(1),
+                covariances=covariances,
+                places=self._places,
+                there=self._there,
+            )
         )
-        tree.covariance[0] = out[1][0]
+        tree.covariance[0] = covariances[0]
 
     def _choose_parent(self, node: int, nearest: int, others: IntArray) -> bool:
         """Algorithm 2: the parent of least cost; on a tie the nearest, then the first."""
@@ -270,14 +279,21 @@ class JointTree:
         costs = np.zeros(len(parents))
         covariances = np.zeros((len(parents), *self.tree.covariance.shape[1:]))
         self.problem.model.cost_pairs(
-            self.tree,
-            self.space,
-            self.problem.carriers,
-            self.means,
-            (parents, positions, times, limits),
-            falling,
-            (costs, covariances),
-            self._buffers,
+            CostTask(
+                tree=self.tree,
+                space=self.space,
+                carriers=self.problem.carriers,
+                means=self.means,
+                parents=parents,
+                positions=positions,
+                times=times,
+                limits=limits,
+                falling=falling,
+                costs=costs,
+                covariances=covariances,
+                places=self._places,
+                there=self._there,
+            )
         )
         return costs, covariances
 

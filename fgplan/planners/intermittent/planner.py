@@ -67,7 +67,7 @@ class TeamOptions:
         every: Steps between measurements.
         metric: Uncertainty function; positive.
         wait_steps: How long robots wait for a teammate.
-        recovery_steps: From a meeting that failed to the next at the same place.
+        recovery_steps: Slot in which a team makes up for a meeting that failed, at the same place.
         cell_m: Side of the cells of short ways, metres.
     """
 

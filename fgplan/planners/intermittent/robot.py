@@ -2,25 +2,29 @@
 
 A robot follows its leg, measures, and runs its filter with what it measures. At the end of the
 leg it tells its team everything (``known``) and passes on whatever is news to it, so that all who
-are connected, over several hops if need be, come to know the same. When the whole team is there
-and nobody has news (the inbox is empty), its first member plans the ways to the team's next
-meeting and hands them round (``agreed``); each filters anew from its checkpoint, late measurements
-included, drops what is complete, and leaves.
+are connected, over several hops if need be, come to know the same. While it waits it does so every
+step: there is who was heard in this step. When the whole team is there and nobody has news (the
+inbox is empty), its first member plans the ways to the team's next meeting and hands them round
+(``agreed``); each filters anew from its checkpoint, late measurements included, drops what is
+complete, and leaves.
 
 A teammate that does not come is waited for until ``wait_steps`` after the agreed time: so long may
 who waits be late elsewhere. Those who are there have told each other everything by then and go on.
-Nobody has agreed on anything new, so present and absent alike know where the team meets next: at
-the same place, ``recovery_steps`` later (or a multiple: the first that is not past). What the
+Nobody has agreed on anything new, so present and absent alike know where and when the team meets
+next: at the same place, in the first of its recovery slots that is not past. What the
 absent robot measured stays in its log until it meets anybody; logs are prefixes, so nothing is
-lost and nothing counted twice. A robot that is late takes the short way to the end of its next leg.
+lost and nothing counted twice. A robot that is late takes the short way to the end of its next leg,
+unless nobody would wait there any more: then it goes to that team's next chance in its turn.
 """
+
+from collections.abc import Mapping
 
 import msgspec
 import numpy as np
 
 from fgplan.errors import InvalidInputError
 from fgplan.planners.intermittent.knowledge import forget, fuse, join, remember
-from fgplan.planners.intermittent.leg import Leg, departed, departed_in_turn
+from fgplan.planners.intermittent.leg import Leg, departed, departed_in_turn, in_turn
 from fgplan.planners.intermittent.message import (
     Agreed,
     Known,
@@ -34,7 +38,7 @@ from fgplan.planners.intermittent.message import (
     wrap,
 )
 from fgplan.planners.intermittent.message_check import check_message
-from fgplan.planners.intermittent.robot_state import MeetingRecord, RobotState
+from fgplan.planners.intermittent.robot_state import MeetingRecord, RobotState, TeamSetup
 from fgplan.planners.intermittent.segment import Segment
 from fgplan.planners.intermittent.segment_problem import SegmentProblem
 from fgplan.team.envelope import Inbox, Outbox, Outgoing
@@ -115,9 +119,7 @@ def _sense(state: RobotState, sensed: Sensed) -> RobotState:
     position = np.array(record.position)
     legs = state.legs
     if state.phase == "moving" and not np.array_equal(position, state.leg.place_at(record.time)):
-        step_m = setup.options.step_m
-        leg = departed(state.leg, record.time, position, setup.grid, step_m)
-        legs = {**legs, leg.team: leg}
+        legs = _kept(setup, legs, record.time, position)
     return msgspec.structs.replace(
         state,
         now=record.time,
@@ -129,12 +131,16 @@ def _sense(state: RobotState, sensed: Sensed) -> RobotState:
 
 
 def _enter(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
-    """Arrive at a meeting, and tell everything."""
-    if state.phase == "meeting" or state.now < state.leg.ready:
+    """Arrive at a meeting, or be there still, and tell everything.
+
+    Offers of an earlier step are dropped: of a team of three one may come just when another falls
+    silent, and who does not hear what is agreed would wait for its team at the old place for ever.
+    """
+    if state.phase == "moving" and state.now < state.leg.ready:
         return state, []
     others = sorted(
         (leg for leg in state.legs.values() if leg.team != state.leg.team),
-        key=lambda leg: (leg.epoch, leg.team),
+        key=in_turn,
     )
     offer = Offer(state.position, tuple(leg_data(leg) for leg in others))
     state = msgspec.structs.replace(state, phase="meeting", offers={state.robot: offer})
@@ -167,7 +173,7 @@ def _plan(state: RobotState) -> tuple[RobotState, list[Outgoing]]:
     starts, times, tracks = [], [], []
     for name in members:
         offer = state.offers[name]
-        between = tuple(leg_of(data) for data in offer.legs if data.epoch < epoch)
+        between = tuple(leg_of(data) for data in offer.legs)
         ways = departed_in_turn(
             between, state.now, np.array(offer.position), setup.grid, setup.options.step_m
         )
@@ -228,14 +234,26 @@ def _agree(
 
 def _leave_in_vain(state: RobotState) -> RobotState:
     """Go on without those who did not come."""
-    setup, leg = state.setup, state.leg
+    leg = state.leg
     state = _fuse_and_forget(state, tuple(state.offers), _NOT_PLANNED)
+    return _depart(state, _next_chance(state.setup, leg, state.now))
+
+
+def _next_chance(setup: TeamSetup, leg: Leg, time: int) -> Leg:
+    """The first slot of a team after a meeting that failed for which a time is not too late.
+
+    Slots are ``recovery_steps`` long, one for each epoch of the period in turn, so a robot has time
+    to go from one of its teams to the next: were failed meetings put off by the same number of
+    steps each, teams that once were too close for a shared robot would remain so for ever.
+    """
+    schedule, length = setup.schedule, setup.recovery_steps
+    first, apart = schedule.colors[leg.team] * length, schedule.period * length
     due, epoch = leg.due, leg.epoch
-    while due == leg.due or due + setup.wait_steps < state.now:
-        due, epoch = due + setup.recovery_steps, epoch + setup.schedule.period
+    while due == leg.due or due + setup.wait_steps < time:
+        due = first + ((due - first) // apart + 1) * apart
+        epoch += schedule.period
     # Who did not come once is planned with as if it would be waited for in vain again.
-    again = Leg(leg.team, epoch, due, due, leg.places[-1:], slack=setup.wait_steps)
-    return _depart(state, again)
+    return Leg(leg.team, epoch, due, due, leg.places[-1:], slack=setup.wait_steps)
 
 
 def _fuse_and_forget(state: RobotState, present: tuple[str, ...], segment: Segment) -> RobotState:
@@ -270,11 +288,25 @@ def _fuse_and_forget(state: RobotState, present: tuple[str, ...], segment: Segme
     )
 
 
-def _depart(state: RobotState, next_leg: Leg) -> RobotState:
+def _depart(state: RobotState, agreed: Leg) -> RobotState:
     """Leave for the next meeting in turn."""
-    setup = state.setup
-    legs = {**state.legs, next_leg.team: next_leg}
-    state = msgspec.structs.replace(state, legs=legs, phase="moving", offers={})
     position = np.array(state.position)
-    leg = departed(state.leg, state.now, position, setup.grid, setup.options.step_m)
-    return msgspec.structs.replace(state, legs={**legs, leg.team: leg})
+    legs = {**state.legs, agreed.team: agreed}
+    legs = _kept(state.setup, legs, state.now, position)
+    return msgspec.structs.replace(state, legs=legs, phase="moving", offers={})
+
+
+def _kept(
+    setup: TeamSetup, legs: Mapping[int, Leg], time: int, position: FloatArray
+) -> dict[int, Leg]:
+    """Legs from a place at a time on: the first as it is followed, and none that comes too late.
+
+    A robot that went on to a meeting which is over would be late for all that follow, for ever.
+    """
+    legs = dict(legs)
+    while True:
+        leg = min(legs.values(), key=in_turn)
+        followed = departed(leg, time, position, setup.grid, setup.options.step_m)
+        if followed.arrival <= leg.due + setup.wait_steps:
+            return {**legs, leg.team: followed}
+        legs[leg.team] = _next_chance(setup, leg, followed.arrival)

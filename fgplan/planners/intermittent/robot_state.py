@@ -10,7 +10,7 @@ import numpy as np
 from fgplan.errors import InvalidInputError
 from fgplan.planners.intermittent.estimate import Estimate, Filtered
 from fgplan.planners.intermittent.knowledge import Knowledge, know_nothing
-from fgplan.planners.intermittent.leg import Leg
+from fgplan.planners.intermittent.leg import Leg, in_turn
 from fgplan.planners.intermittent.message import Offer
 from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.schedule import Schedule
@@ -37,8 +37,9 @@ class TeamSetup:
         planner: Plans to the next meeting.
         seed: Of every plan: the leader of a team draws from (seed, team, epoch).
         wait_steps: How long after the agreed time robots wait for a teammate.
-        recovery_steps: After a meeting that failed, the next one is at the same place so many
-            steps later, or a multiple of it.
+        recovery_steps: After a meeting that failed, the next one is at the same place in the
+            team's next slot: slots are so long, one for each epoch of a period in turn. Best as
+            long as the wait and the longest way together.
         gone_after: Robots silent for longer than so many steps are not waited for in forgetting.
 
     Raises:
@@ -139,8 +140,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def leg(self) -> Leg:
-        """The leg that it is on, or at whose end it is: that of the next epoch."""
-        return min(self.legs.values(), key=lambda leg: (leg.epoch, leg.team))
+        """The leg that it is on, or at whose end it is."""
+        return min(self.legs.values(), key=in_turn)
 
 
 def start_robot(
@@ -166,7 +167,7 @@ def start_robot(
             f"robot {robot!r}: expected one initial path for each of its teams {sorted(wanted)}, "
             f"got {sorted(legs)}"
         )
-    first = min(legs.values(), key=lambda leg: (leg.epoch, leg.team))
+    first = min(legs.values(), key=in_turn)
     x, y = first.places[0].tolist()
     return RobotState(
         setup=setup,

@@ -3,11 +3,12 @@
 Goal set (6): (i) the communication graph of the robots' places is connected, lambda_2 of its
 Laplacian positive; (ii) all arrive at the same time; (iii) the uncertainty of the most uncertain
 target, in the team's view when it plans, is at most delta (or each robot has travelled far enough,
-section III-B). The node of least cost wins. If none satisfies (iii), the next most uncertain
-target is tried, and so on (section IV; of equally uncertain ones the nearest); then (iii) is
-dropped. If the tree has no connected simultaneous node at all, the robots go by short ways to the
-place that the last of them reaches first, and slow down so that all arrive with it. So a team
-always meets, and the segment says what failed.
+section III-B). The node of least cost wins, as the text has it (line 13 of Algorithm 1 says least
+uncertainty). If none satisfies (iii), the next most uncertain target is tried, and so on (section
+IV; of equally uncertain ones the nearest); then (iii) is dropped. If the tree has no connected
+simultaneous node at all, the robots go by short ways to the place that the last of them reaches
+first, and slow down so that all arrive with it. So a team always meets, and the segment says what
+failed.
 """
 
 from dataclasses import dataclass

@@ -13,9 +13,9 @@ import numpy as np
 
 from fgplan.checks import check_finite
 from fgplan.errors import InvalidInputError
+from fgplan.planners.intermittent.cost_task import CostTask
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
-from fgplan.planners.intermittent.tree_kernels import Space, Tree
-from fgplan.typing import BoolArray, FloatArray, IntArray
+from fgplan.typing import FloatArray, IntArray
 from roadmaps import Workspace
 
 
@@ -59,18 +59,8 @@ class StateModel(Protocol):
     ) -> Filtered:
         """Filter on with records."""
 
-    def cost_pairs(
-        self,
-        tree: Tree,
-        space: Space,
-        carriers: IntArray,
-        means: FloatArray,
-        pairs: tuple[IntArray, FloatArray, IntArray, FloatArray],
-        falling: bool,
-        out: tuple[FloatArray, FloatArray],
-        buffers: tuple[FloatArray, BoolArray],
-    ) -> None:
-        """Cost of Algorithm 4 for pairs of nodes."""
+    def cost_pairs(self, task: CostTask) -> None:
+        """Cost of Algorithm 4 for pairs of nodes: fills ``costs`` and ``covariances``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,7 +1,8 @@
 """A team of robots step by step in a simulated world: move, measure, talk to whoever is in range.
 
 Nothing but each robot's own ``step`` decides. The world moves a robot to where it wants to be,
-unless it is absent: then it stays, measures nothing and says nothing.
+unless it is absent: then it stays, measures nothing and says nothing. In the first step after an
+absence it sees where it is; its leg would have it elsewhere, and no robot jumps.
 """
 
 from collections.abc import Mapping, Sequence
@@ -123,15 +124,16 @@ def run_team(
     snapshots: list[Snapshot] = []
     stored = np.zeros(truth.steps + 1)
     held = np.zeros(len(names))
+    away: set[str] = set()
     for time in range(1, truth.steps + 1):
         if progress is not None and time % 20 == 0:
             progress(time, truth.steps, f"{len(snapshots)} meetings")
-        away = {one.robot for one in absences if one.start <= time < one.end}
+        woken, away = away, {one.robot for one in absences if one.start <= time < one.end}
         sensed = {}
         for row, name in enumerate(names):
             place = positions[time - 1, row]
             if name not in away:
-                place = place_at(states[name], time)
+                place = place if name in woken else place_at(states[name], time)
                 sensed[name] = Sensed(sense(setup, row, place, time, truth))
                 records.append((row, sensed[name].record))
             positions[time, row] = place

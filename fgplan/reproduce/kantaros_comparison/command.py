@@ -90,7 +90,7 @@ def run(options: CommandOptions) -> CommandOutcome:
             for name in (*names, *BASELINES):
                 if name == "fvi" and scene in small and seed != seeds[0]:
                     continue  # the scene is the same and FVI draws nothing
-                options.progress(seed, len(seeds), f"{scene}: {name}")
+                options.progress(seed - seeds[0], len(seeds), f"{scene}: {name}")
                 done = plan_scene(problem, name, seconds, small=scene in small, seed=seed)
                 runs.append({"scene": scene, "planner": name, "seed": seed} | done)
             options.record({"runs": runs, "optima": optima})

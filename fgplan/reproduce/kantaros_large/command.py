@@ -90,7 +90,7 @@ def run(options: CommandOptions) -> CommandOutcome:
     rows: list[dict[str, Any]] = []
     figures = []
     for seed in seeds:
-        options.progress(seed, len(seeds), "planning")
+        options.progress(seed - seeds[0], len(seeds), "planning")
         problem = large_scene(np.random.default_rng(seed))
         changes = {"near_m": _NEAR_M, "geodesic_cell_m": _CELL_M}
         began = time.perf_counter()

@@ -49,9 +49,9 @@ def fig5(options: CommandOptions) -> CommandOutcome:
     seeds = options.seed_range(5)
     means: dict[str, list[tuple[float, float]]] = {"G1": [], "G2": []}
     curves: dict[str, tuple[FloatArray, FloatArray]] = {}
-    for seed in seeds:
+    for turn, seed in enumerate(seeds):
         for graph in means:
-            options.progress(seed, len(seeds), graph)
+            options.progress(turn, len(seeds), graph)
             run = run_method(indoor_case(graph, seed, _steps(options)), "intermittent")
             means[graph].append((float(run.error_m.mean()), float(run.eigenvalue_m2.mean())))
             curves.setdefault(graph, (run.error_m, run.eigenvalue_m2))
@@ -97,8 +97,8 @@ def fig6(options: CommandOptions) -> CommandOutcome:
     figures: tuple[Path, ...] = ()
     kept = True
     first: dict[str, Any] = {}
-    for seed in seeds:
-        options.progress(seed, len(seeds), "team 2")
+    for turn, seed in enumerate(seeds):
+        options.progress(turn, len(seeds), "team 2")
         case, run, team = _team_run("G1", seed, _steps(options))
         snapshot = [one for one in team.snapshots if one.team == TEAM][-1]
         means, uncertainty = team_series(team, snapshot)
@@ -162,8 +162,8 @@ def fig7(options: CommandOptions) -> CommandOutcome:
     needs: list[Requirement] = []
     for graph in ("G1", "G2"):
         worst, errors, lags = 0, [], []
-        for seed in seeds:
-            options.progress(seed, len(seeds), graph)
+        for turn, seed in enumerate(seeds):
+            options.progress(turn, len(seeds), graph)
             case, _, team = _team_run(graph, seed, _steps(options))
             bound = case.setup.schedule.delay_bound
             teams = range(len(case.setup.schedule.graph.teams))
@@ -238,7 +238,7 @@ def fig8(options: CommandOptions) -> CommandOutcome:
         from fgplan.viz.intermittent import draw_team_paths, draw_team_run, film_team_run
 
         world, names = case.setup.workspace, case.setup.robots
-        drawn = draw_team_paths(world, panels, "Paths to two meetings")
+        drawn = draw_team_paths(world, panels, names, "Paths to two meetings")
         whole = draw_team_run(
             world, team, names, _places(case), "Steps 0 to 200", until=min(200, case.truth.steps)
         )

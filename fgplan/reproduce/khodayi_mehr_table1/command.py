@@ -64,10 +64,10 @@ def run(options: CommandOptions) -> CommandOutcome:
     cases: list[dict[str, Any]] = []
     for place, (targets, graph) in enumerate(GRAPHS.items()):
         runs: dict[str, list[MethodRun]] = {method: [] for method in METHODS}
-        for seed in seeds:
+        for turn, seed in enumerate(seeds):
             case = indoor_case(graph, seed, steps)
             for method in METHODS:
-                done = place * len(seeds) + seed
+                done = place * len(seeds) + turn
                 options.progress(done, len(GRAPHS) * len(seeds), f"{targets} targets, {method}")
                 runs[method].append(run_method(case, method))
             options.record({"cases": [*cases, table_case(targets, runs)]})
