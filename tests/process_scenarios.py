@@ -45,7 +45,7 @@ iterations = 3000
 MEETINGS = (
     """
 schema = 1
-name = "three meet"
+name = "two meet"
 seed = 2
 [world]
 bounds = [[0.0, 0.0], [6.0, 6.0]]
@@ -55,7 +55,6 @@ max_range_m = 4.0
 """
     + ROBOT.format(name="ann", x=1.0, y=3.0)
     + ROBOT.format(name="bob", x=3.0, y=3.0)
-    + ROBOT.format(name="cat", x=5.0, y=3.0)
     + """
 [[targets]]
 name = "t0"
@@ -70,8 +69,8 @@ process = [[2e-4, 0.0, 0.0], [0.0, 2e-4, 0.0], [0.0, 0.0, 1e-6]]
 [planner]
 name = "intermittent"
 [planner.intermittent]
-teams = [["ann", "bob"], ["bob", "cat"], ["cat", "ann"]]
-steps = 40
+teams = [["ann", "bob"], ["bob", "ann"]]
+steps = 80
 samples = 60
 explore = 30
 range_m = 0.3

@@ -1,5 +1,6 @@
 """One line of progress on a terminal; nothing in a pipe or a file."""
 
+import shutil
 import sys
 import time
 from typing import TextIO
@@ -33,6 +34,7 @@ class TerminalProgress:
             return
         self._next = now + _LEAST_PAUSE_S
         line = f"{doing} {done}/{total}" if total else f"{doing} {done}"
+        line = line[: shutil.get_terminal_size().columns - 1]  # a second line would stay
         self.stream.write("\r" + line.ljust(self._width))
         self.stream.flush()
         self._width = len(line)

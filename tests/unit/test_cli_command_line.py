@@ -189,6 +189,13 @@ def test_progress_shows_on_a_terminal_and_clears_its_line():
     ]
 
 
+def test_progress_keeps_to_one_line(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "12")
+    stream = Terminal()
+    TerminalProgress(stream)(3, 10, "many robots at work")
+    assert stream.getvalue() == "\rmany robots"
+
+
 def test_progress_is_silent_in_a_pipe():
     stream = io.StringIO()
     progress = TerminalProgress(stream)

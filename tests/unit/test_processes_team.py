@@ -91,9 +91,9 @@ def test_processes_of_an_intermittent_team_and_their_world_make_the_plan_of_one(
     expected, apart = planned(scenario), plan_in(tmp_path / "apart")
     assert without_work(apart) == without_work(expected)
     assert apart["report"] == expected["report"]
-    assert apart["report"]["meetings"] == 2
-    assert apart["traffic"]["tick"]["sent"] == 3 * 40
-    assert set(result(tmp_path / "apart")["results"]["processes"]) == {"ann", "bob", "cat", "world"}
+    assert apart["report"]["meetings"] >= 2
+    assert apart["traffic"]["tick"]["sent"] == 2 * 80
+    assert set(result(tmp_path / "apart")["results"]["processes"]) == {"ann", "bob", "world"}
 
 
 def fgplan_robot(scenario, name, folder, *words, **options):
@@ -153,12 +153,12 @@ def test_a_robot_that_is_killed_is_named_and_the_rest_goes_on(tmp_path, monkeypa
     from fgplan.processes import team_processes
     from fgplan.processes.child import Child
 
-    scenario = written(tmp_path, MEETINGS.replace("steps = 40", "steps = 2000"))
+    scenario = written(tmp_path, MEETINGS.replace("steps = 80", "steps = 2000"))
     killed = []
 
     def watched(self):
         told = self.progress
-        if self.robot == "cat" and told is not None and told.done > 10 and not killed:
+        if self.robot == "bob" and told is not None and told.done > 10 and not killed:
             killed.append(told.done)
             os.kill(self.pid, signal.SIGKILL)
         return status(self)
@@ -168,10 +168,10 @@ def test_a_robot_that_is_killed_is_named_and_the_rest_goes_on(tmp_path, monkeypa
     run("team", scenario, "--processes", "--out", tmp_path / "apart")
     plan = plan_in(tmp_path / "apart")
     assert not plan["agreed"]
-    lost = [line for line in plan["warnings"] if "'cat' was lost" in line]
+    lost = [line for line in plan["warnings"] if "'bob' was lost" in line]
     assert len(lost) == 2  # the world says since which step, the parent why
     assert any("ended by signal 9" in line for line in lost)
-    still = next(robot for robot in plan["robots"] if robot["robot"] == "cat")["path"]["poses"]
+    still = next(robot for robot in plan["robots"] if robot["robot"] == "bob")["path"]["poses"]
     assert still[-1][:2] == still[-2][:2]
     assert "did not come to an agreement" in capsys.readouterr().out
 
