@@ -11,20 +11,36 @@ The filter (4), with one weight w_j^k a robot j and target k, D_j = diag(sqrt(w_
     Omega = sum_j D_j Sigma_j^-1 D_j + H' R^-1 H,    Sigma_i(t + 1) = A Omega^-1 A' + Q
 
 over the robot itself and the nodes of its neighbours that are fused; H has the rows of what the
-robot itself measures at t. Formula, weights and whatever else the text at hand has lost are those
+robot itself measures at t. Inverses of these 2M x 2M matrices are Cholesky's, of which LAPACK fills
+one triangle: with Omega = L L', the prediction is X' X + Q with X = L^-1 A'. Formula, weights and whatever else the text at hand has lost are those
 of ``fgplan.riccati.distributed`` and of the planner's own headers.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 CATCH_UP = 8
 MOST_TRIES = 64
 CLOSE = 1e-9
 """Log-determinants of two recipes so near to each other are ordered by rounding: a close call."""
+
+
+def cholesky(upper: np.ndarray) -> np.ndarray:
+    """L of L L', given the upper triangle of the product in C order."""
+    factor, failed = dpotrf(upper.T, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError(f"not positive definite: leading minor {failed}")
+    return factor
+
+
+def inverse(covariance: np.ndarray) -> np.ndarray:
+    """Upper triangle of a covariance's inverse; zeros below."""
+    return dpotri(cholesky(covariance), lower=1, overwrite_c=1)[0].T
 
 
 @dataclass(eq=False)
@@ -50,7 +66,7 @@ class Node:
     @cached_property
     def information(self) -> np.ndarray:
         """Inverse of the joint covariance, computed when a robot fuses it first."""
-        return np.linalg.inv(self.covariance)
+        return inverse(self.covariance)
 
 
 @dataclass(eq=False)
@@ -111,14 +127,17 @@ class World:
 
     def dets(self, covariance: np.ndarray) -> np.ndarray:
         """Determinant of every target's block."""
-        targets = len(covariance) // 2
-        block = np.arange(targets)
-        blocks = covariance.reshape(targets, 2, targets, 2)[block, :, block, :]
-        return np.linalg.det(blocks)
+        diagonal, beside = covariance.diagonal(), covariance.diagonal(1)[::2]
+        return diagonal[::2] * diagonal[1::2] - beside * beside
 
     def predict(self, covariance: np.ndarray) -> np.ndarray:
         """One step of (2)."""
         return self.transition @ covariance @ self.transition.T + self.process
+
+    def predict_inverse(self, omega: np.ndarray) -> np.ndarray:
+        """One step of (2) from the information, of which the upper triangle counts."""
+        half, _ = dtrtrs(cholesky(omega), self.transition.T, lower=1)
+        return half.T @ half + self.process
 
     def forward(self, node: Node, lag: int) -> tuple[np.ndarray, np.ndarray]:
         """Inverse and determinants of a node's covariance, predicted over its lag (Remark 3)."""
@@ -127,7 +146,7 @@ class World:
         covariance = node.covariance
         for _ in range(lag):
             covariance = self.predict(covariance)
-        return np.linalg.inv(covariance), self.dets(covariance)
+        return inverse(covariance), self.dets(covariance)
 
     def uncertainty(self, node: Node) -> float:
         """Log-determinant of the joint covariance, one number for all nodes of one recipe."""
@@ -143,19 +162,22 @@ class World:
         offset = places - pose[:2]
         length = np.sqrt((offset**2).sum(axis=-1))
         near = (length <= self.range_m) & (length > 1e-9)
-        for k in np.flatnonzero(near):
-            key = (*pose[:2].tolist(), *places[k].tolist())
+        x, y = pose[:2].tolist()
+        for k in near.nonzero()[0]:
+            key = (x, y, *places[k].tolist())
             seen = self.seen_of.get(key)
             if seen is None:
                 seen = self.seen_of[key] = self.is_seen(pose[:2], places[k])
             near[k] = seen
-        target = np.arange(len(places)) if self.every_row else np.flatnonzero(near)
-        rows = np.zeros((len(target), 2 * len(places)))
-        unit = offset[target] / np.maximum(length[target], 1e-9)[:, None]
-        rows[np.arange(len(target)), 2 * target] = unit[:, 0]
-        rows[np.arange(len(target)), 2 * target + 1] = unit[:, 1]
-        noise = np.maximum(self.floor_m, self.slope * length[target]) ** 2
-        return rows, np.where(near[target], 1.0 / noise, 0.0)
+        (target,) = near.nonzero()
+        row, count = np.arange(len(target)), len(target)
+        if self.every_row:
+            row, count = target, len(places)
+        rows, weight = np.zeros((count, 2 * len(places))), np.zeros(count)
+        length = length[target]
+        rows[row[:, None], 2 * target[:, None] + (0, 1)] = offset[target] / length[:, None]
+        weight[row] = 1.0 / np.maximum(self.floor_m, self.slope * length) ** 2
+        return rows, weight
 
 
 @dataclass(eq=False)
@@ -174,13 +196,15 @@ class RobotTree:
         self.groups: dict = {}
         self.members: list[list[int]] = []
         self.poses: list[np.ndarray] = []
+        self.keys: list[tuple] = []
         self.stamp: list[int] = []
         self.deepest: list[int] = []
         self.goals: list[int] = []
         self.depth = self.known = self.close_calls = 0
         self.fused = self.measured = self.rejected = self.repeated = 0
         self.recipes: dict = {}
-        self._append(-1, self.start, 0, self.world.prior, (-1,) * len(self.neighbours), set(), 0)
+        key, sources = self._key(self.start), (-1,) * len(self.neighbours)
+        self._append(-1, self.start, key, 0, self.world.prior, sources, set(), 0)
 
     def iterate(self) -> None:
         """Lines 2 to 17, once."""
@@ -196,8 +220,9 @@ class RobotTree:
             last = self.generator.random() < world.p_group
             place = len(chosen) - 1 if last else int(self.generator.random() * len(chosen))
             chosen = [chosen[place]]
+        key = self._key(pose)
         for index in chosen:
-            self._extend(index, pose)
+            self._extend(index, pose, key)
 
     def _draw_group(self, uniform: bool) -> int:
         """Equation (8)."""
@@ -263,7 +288,7 @@ class RobotTree:
         far = np.isfinite(distance[best]) and (offset**2).sum() > world.near_m**2
         return best if far else -1
 
-    def _extend(self, index: int, pose: np.ndarray) -> None:
+    def _extend(self, index: int, pose: np.ndarray, key: tuple) -> None:
         """Section III-A2 for one node."""
         world, node = self.world, self.nodes[index]
         here, t = self.poses[node.group], node.depth
@@ -276,8 +301,7 @@ class RobotTree:
             if number < 0 or not links[other.index]:
                 continue
             found = other.nodes[number]
-            offset = other.poses[found.group][:2] - here[:2]
-            if (offset**2).sum() > world.link_range_m**2:
+            if math.dist(other.poses[found.group][:2], here[:2]) > world.link_range_m:
                 continue
             lag = 0 if world.literal else t - found.depth
             fused.append(world.forward(found, lag))
@@ -285,7 +309,7 @@ class RobotTree:
             if lag <= CATCH_UP:
                 taken.add(found.assigned)
             recipe.append((found.recipe, lag))
-        made = (self._key(pose), *sources)
+        made = (key, *sources)
         if made in node.made:
             self.repeated += 1
             return
@@ -293,13 +317,13 @@ class RobotTree:
         rows, weight = world.rows(here, t)
         self.fused += len(fused)
         self.measured += 1
-        pooled, used = self._pooled(fused, np.array(late))
+        pooled, used = self._pooled(fused, late)
         omega = pooled + (rows.T * weight) @ rows
         recipe = [one for one, is_used in zip(recipe, used, strict=True) if is_used]
-        covariance = world.predict(np.linalg.inv(omega))
-        looked = (self.index, self._key(here)) if weight.any() else None
+        covariance = world.predict_inverse(omega)
+        looked = (self.index, self.keys[node.group]) if weight.any() else None
         number = world.recipes.setdefault((t, looked, *recipe), len(world.recipes) + 1)
-        self._append(index, pose, t + 1, covariance, tuple(sources), taken, number)
+        self._append(index, pose, key, t + 1, covariance, tuple(sources), taken, number)
 
     def _draw_candidate(self, other: "RobotTree", before: int, t: int) -> int:
         """The node of a neighbour's tree for time t, after the one used before; -1 for none."""
@@ -312,13 +336,11 @@ class RobotTree:
             children = [c for c in other.nodes[number].children if c < other.known]
             if not children:
                 break
-            number = self._draw_child(other, children)
+            number = children[0] if len(children) == 1 else self._draw_child(other, children)
         return number
 
     def _draw_child(self, other: "RobotTree", children: list[int]) -> int:
         """Equation (10)."""
-        if len(children) == 1:
-            return children[0]
         world = self.world
         uncertainty = [world.uncertainty(other.nodes[child]) for child in children]
         best = int(np.argmin(uncertainty))
@@ -336,32 +358,34 @@ class RobotTree:
         return others[min(int(share * len(others)), len(others) - 1)]
 
     def _pooled(
-        self, fused: list[tuple[np.ndarray, np.ndarray]], late: np.ndarray
+        self, fused: list[tuple[np.ndarray, np.ndarray]], late: list[bool]
     ) -> tuple[np.ndarray, list[bool]]:
         """sum_j D_j Sigma_j^-1 D_j of (4), own node first; what lags where it knows more.
 
         And which of them were used for some target.
         """
-        dets = np.array([one for _, one in fused])
-        counts = ~late[:, None] | (dets < dets[0] * (1.0 - 1e-9))
-        others = counts.sum(axis=0) - 1
-        weights = counts * ((1.0 - self.world.kappa) / np.maximum(others, 1))
-        best = np.where(counts, dets, np.inf).argmin(axis=0)
-        weights[best, np.arange(dets.shape[1])] = np.where(others > 0, self.world.kappa, 1.0)
-        scale = np.repeat(np.sqrt(weights), 2, axis=1)
-        informations = np.array([one for one, _ in fused])
-        pooled = (scale[:, :, None] * informations * scale[:, None, :]).sum(axis=0)
-        return pooled, counts.any(axis=1).tolist()
+        kappa, dets = self.world.kappa, np.array([one for _, one in fused])
+        used, others = [True] * len(fused), np.array(len(fused) - 1)
+        if any(late):
+            dets[late] = np.where(dets[late] < dets[0] * (1.0 - 1e-9), dets[late], np.inf)
+            counts = np.isfinite(dets)
+            used, others = counts.any(axis=1).tolist(), counts.sum(axis=0) - 1
+        weights = np.where(dets < np.inf, (1.0 - kappa) / np.maximum(others, 1), 0.0)
+        weights[dets.argmin(axis=0), np.arange(dets.shape[1])] = np.where(others > 0, kappa, 1.0)
+        scale = np.sqrt(weights).repeat(2, axis=1)
+        return np.einsum("jk,jkl,jl->kl", scale, [one for one, _ in fused], scale), used
 
     def _key(self, pose: np.ndarray) -> tuple:
         """A pose as a key: whole micrometres and millionths of a turn."""
-        x, y, turns = np.rint(pose * (1e6, 1e6, 1e6 / (2.0 * np.pi))).astype(np.int64).tolist()
-        return x, y, turns % 1_000_000
+        x, y, heading = pose.tolist()
+        turns = round(heading * (1e6 / (2.0 * np.pi)))
+        return round(x * 1e6), round(y * 1e6), turns % 1_000_000
 
     def _append(
         self,
         parent: int,
         pose: np.ndarray,
+        key: tuple,
         depth: int,
         covariance: np.ndarray,
         sources: tuple,
@@ -369,12 +393,13 @@ class RobotTree:
         recipe: int,
     ) -> None:
         """Insert a node into tree and group, test the goal, assign a target."""
-        number, key = len(self.nodes), self._key(pose)
+        number = len(self.nodes)
         k = self.groups.get(key)
         if k is None:
             k = self.groups[key] = len(self.members)
             self.members.append([])
             self.poses.append(pose)
+            self.keys.append(key)
             self.stamp.append(-1)
         self.members[k].append(number)
         if depth > self.depth:
@@ -401,12 +426,12 @@ class RobotTree:
         if inherited >= 0 and not satisfied[inherited]:
             return inherited
         world = self.world
-        distance = world.distance[world.at(world.field_of, time), world.cells(pose[:2])]
-        walk = [int(k) for k in np.argsort(distance, kind="stable") if not satisfied[k]]
-        for k in walk:
-            if k not in taken:
-                return k
-        return walk[0] if walk else max(inherited, 0)
+        unsatisfied = np.flatnonzero(~satisfied).tolist()
+        if not unsatisfied:
+            return max(inherited, 0)
+        among = [k for k in unsatisfied if k not in taken] or unsatisfied
+        fields = world.at(world.field_of, time)[among]
+        return among[int(world.distance[fields, world.cells(pose[:2])].argmin())]
 
 
 @dataclass(eq=False)
