@@ -317,8 +317,8 @@ class RobotTree:
         rows, weight = world.rows(here, t)
         self.fused += len(fused)
         self.measured += 1
-        pooled, used = self._pooled(fused, late)
-        omega = pooled + (rows.T * weight) @ rows
+        omega = (rows.T * weight) @ rows
+        used = self._pool(omega, fused, late)
         recipe = [one for one, is_used in zip(recipe, used, strict=True) if is_used]
         covariance = world.predict_inverse(omega)
         looked = (self.index, self.keys[node.group]) if weight.any() else None
@@ -357,12 +357,12 @@ class RobotTree:
         others = [child for child in reversed(children) if child != children[best]]
         return others[min(int(share * len(others)), len(others) - 1)]
 
-    def _pooled(
-        self, fused: list[tuple[np.ndarray, np.ndarray]], late: list[bool]
-    ) -> tuple[np.ndarray, list[bool]]:
-        """sum_j D_j Sigma_j^-1 D_j of (4), own node first; what lags where it knows more.
+    def _pool(
+        self, omega: np.ndarray, fused: list[tuple[np.ndarray, np.ndarray]], late: list[bool]
+    ) -> list[bool]:
+        """Add sum_j D_j Sigma_j^-1 D_j of (4), own node first; what lags where it knows more.
 
-        And which of them were used for some target.
+        Returns which of them were used for some target.
         """
         kappa, dets = self.world.kappa, np.array([one for _, one in fused])
         used, others = [True] * len(fused), np.array(len(fused) - 1)
@@ -373,7 +373,12 @@ class RobotTree:
         weights = np.where(dets < np.inf, (1.0 - kappa) / np.maximum(others, 1), 0.0)
         weights[dets.argmin(axis=0), np.arange(dets.shape[1])] = np.where(others > 0, kappa, 1.0)
         scale = np.sqrt(weights).repeat(2, axis=1)
-        return np.einsum("jk,jkl,jl->kl", scale, [one for one, _ in fused], scale), used
+        part = np.empty_like(omega)
+        for (information, _), root in zip(fused, scale, strict=True):
+            np.multiply.outer(root, root, out=part)
+            part *= information
+            omega += part
+        return used
 
     def _key(self, pose: np.ndarray) -> tuple:
         """A pose as a key: whole micrometres and millionths of a turn."""
