@@ -12,8 +12,9 @@ The filter (4), with one weight w_j^k a robot j and target k, D_j = diag(sqrt(w_
 
 over the robot itself and the nodes of its neighbours that are fused; H has the rows of what the
 robot itself measures at t. Inverses of these 2M x 2M matrices are Cholesky's, of which LAPACK fills
-one triangle: with Omega = L L', the prediction is X' X + Q with X = L^-1 A'. Formula, weights and whatever else the text at hand has lost are those
-of ``fgplan.riccati.distributed`` and of the planner's own headers.
+one triangle: with Omega = L L', the prediction is X' X + Q with X = L^-1 A'. Formula, weights and
+whatever else the text at hand has lost are those of ``fgplan.riccati.distributed`` and of the
+planner's own headers.
 """
 
 import math
