@@ -1,10 +1,25 @@
-"""Robots as real processes over zenoh that are killed, frozen, late or parted, on a real problem."""
+"""Robots as real processes over zenoh that are killed, frozen, late or parted, on a real problem.
+
+The same faults on a simulated network, and many more: ``test_team_robot_faults``.
+"""
+
+import signal
+import time
 
 import pytest
-from crossing_teams import crossing, mission_with, plan_of
-from process_teams import RobotServer, checked, process_team
+from crossing_teams import crossing
+from process_teams import LEASE_S, RobotServer, checked, process_team
 
-OPTIONS = {"repair_after_s": 0.4, "lost_after_s": 2.0}
+from fgplan.announcement.announcement import Withdrawal
+
+LOST_AFTER_S = 2.0
+OPTIONS = {"repair_after_s": 0.4, "lost_after_s": LOST_AFTER_S}
+SLOW_S = 0.15
+"""An evaluation takes at least so long, so that faults fall into the middle of something."""
+WITHIN_S = 15.0
+"""Within this time after a fault all live robots hold one ledger and know it. Measured: at most 4 s
+on two cores with other work, of which lost_after_s is 2 s."""
+ALL = ("ann", "bob", "cid", "dan")
 
 
 @pytest.fixture(name="server", scope="module")
@@ -16,14 +31,174 @@ def server_of_this_module(tmp_path_factory):
         server.end()
 
 
-@pytest.mark.parametrize("count", [2, 4])
-def test_plain(server, tmp_path, count):
-    path = crossing(tmp_path, count)
-    plan = plan_of(mission_with(path))
-    with process_team(server, tmp_path, path, count, OPTIONS, leaves=True) as team:
+@pytest.fixture(name="team_of")
+def teams_of_four(server, tmp_path, record_property):
+    """Teams of four; at the end of a test, how long agreement took."""
+
+    def make(**options):
+        path = crossing(tmp_path, 4)
+        given = {"slow_s": SLOW_S, "start_wait_s": 5.0}
+        return process_team(server, tmp_path, path, 4, {**OPTIONS, **options}, **given)
+
+    def took(team, since_s, *live, **wanted):
+        seconds = team.until_agreed(*live, within_s=WITHIN_S, **wanted) - since_s
+        record_property("agreed_after_s", round(seconds, 2))
+        print(f"agreed after {seconds:.2f} s")  # noqa: T201 - shown by pytest -s
+        return seconds
+
+    make.took = took
+    return make
+
+
+def killed_alone(team_of, robot, what, entries):
+    """A robot that kills itself on an entry of its own; the others go on without it."""
+    live = [name for name in ALL if name != robot]
+    with team_of() as team:
+        team.start(*live).start(robot, after={"what": what, "entries": entries})
+        team.until(lambda: team.said(robot, "killed") or team.said(robot, "sent_kill"), 20.0)
+        at_s = team.said(robot, "killed") or team.said(robot, "sent_kill")
+        team_of.took(team, at_s, *live, lost=[robot])
+        reports, _ = checked(team, *live)
+        return reports["bob" if robot == "ann" else "ann"]
+
+
+def test_killed_before_its_entry_was_sent(team_of):
+    report = killed_alone(team_of, "cid", "kill", 2)
+    assert set(report.ledger.paths()) == set(ALL)  # its first path is kept
+
+
+def test_killed_after_its_entry_was_sent(team_of):
+    killed_alone(team_of, "ann", "sent_kill", 2)  # the one that the others had connected to
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("what", ["kill", "sent_kill"])
+@pytest.mark.parametrize("robot", ["ann", "bob", "dan"])
+@pytest.mark.parametrize("entries", [1, 2, 3])
+def test_killed_on_any_entry(team_of, robot, what, entries):
+    report = killed_alone(team_of, robot, what, entries)
+    if entries > 1:
+        assert robot in report.ledger.paths()
+    elif what == "kill":
+        assert robot not in report.ledger.paths()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("robot", ["ann", "cid"])
+@pytest.mark.parametrize("turn", [1, 3, 6])
+def test_killed_while_another_evaluates(team_of, robot, turn):
+    live = [name for name in ALL if name != robot]
+    with team_of() as team:
+        team.start(slow_s=0.5)
+        team.until(lambda: any(s["turn"] >= turn for s in team.states("bob")), 20.0)
+        time.sleep(0.2)  # within the half second that whoever has turn takes
+        team_of.took(team, team.kill(robot), *live, lost=[robot])
+        checked(team, *live)
+
+
+@pytest.mark.parametrize("away_s", [0.0, pytest.param(LOST_AFTER_S + 2.0, marks=pytest.mark.full)])
+def test_killed_and_started_again_without_its_memory(team_of, away_s):
+    with team_of() as team:
+        team.start("ann", "bob", "dan").start("cid", after={"what": "sent_kill", "entries": 2})
+        team.until(lambda: team.said("cid", "sent_kill"), 20.0)
+        time.sleep(away_s)
+        team.start("cid")
+        team_of.took(team, time.monotonic(), *ALL, lost=[])
+        checked(team, *ALL)
+
+
+@pytest.mark.full
+def test_started_again_where_the_others_connect_to(team_of):
+    with team_of() as team:
         team.start()
-        at_s = team.until_agreed(*team.names)
-        print(at_s - min(team.said(n, "began") for n in team.names))
-        reports, _ = checked(team, *team.names)
-        print(team.lines("ann")[-1]["sent"])
-        assert [reports[n].chosen for n in team.names] == [r.candidate for r in plan.robots]
+        team.until(lambda: any(s["turn"] >= 2 for s in team.states("bob")), 20.0)
+        team.kill("ann")
+        time.sleep(1.0)
+        team.start("ann")
+        team_of.took(team, time.monotonic(), *ALL, lost=[])
+        checked(team, *ALL)
+
+
+def test_late_joiner_gets_the_ledger_and_opens(team_of):
+    early = ("ann", "bob", "cid")
+    with team_of() as team:
+        team.start(*early, start_wait_s=0.5)
+        team.until_agreed(*early, holds=early, lost=["dan"])
+        team.start("dan")
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
+        reports, _ = checked(team, *ALL)
+        assert [m.robot for m in reports["dan"].ledger.messages if not m.basis] == list(ALL)
+
+
+def frozen(team_of, robot, entries):
+    live = [name for name in ALL if name != robot]
+    with team_of() as team:
+        team.start(*live).start(robot, after={"what": "freeze", "entries": entries})
+        team.until(lambda: team.said(robot, "freeze"), 20.0)
+        at_s = team.said(robot, "freeze")
+        team_of.took(team, at_s, *live, lost=[robot])
+        time.sleep(max(at_s + LOST_AFTER_S + 2 * LEASE_S - time.monotonic(), 0.0))
+        team.signal(robot, signal.SIGCONT)
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
+        checked(team, *ALL)
+
+
+def test_frozen_for_longer_than_lease_and_lost_after_s(team_of):
+    frozen(team_of, "bob", 2)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("robot", ["ann", "dan"])
+@pytest.mark.parametrize("entries", [1, 2, 3])
+def test_frozen_on_any_entry(team_of, robot, entries):
+    frozen(team_of, robot, entries)
+
+
+def parted(team_of, entries, sides=(("ann", "cid"), ("bob", "dan")), **options):
+    """Parted on an entry of bob until both sides have agreed alone; then healed."""
+    with team_of(**options) as team:
+        for side in sides:
+            for name in side:
+                after = {"what": "part", "entries": entries} if name == "bob" else None
+                team.start(name, side=side, after=after)
+        team.until(lambda: team.said("bob", "part"), 20.0)
+        for side in sides:
+            lost = [name for name in ALL if name not in side]
+            team.until_agreed(*side, lost=lost, within_s=WITHIN_S)
+        (team.folder / "parted").unlink()
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
+        return checked(team, *ALL)[0]
+
+
+def test_parted_for_longer_than_lost_after_s(team_of):
+    parted(team_of, 2)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("entries", [1, 2, 3])
+@pytest.mark.parametrize("sides", [(("ann", "cid", "dan"), ("bob",)), (("ann", "bob"), ALL[2:])])
+def test_parted_on_any_entry(team_of, entries, sides):
+    parted(team_of, entries, sides)
+
+
+@pytest.mark.full
+def test_parted_until_both_sides_have_dropped_the_other(team_of):
+    reports = parted(team_of, 3, drop_after_s=LOST_AFTER_S)
+    assert any(isinstance(m, Withdrawal) for m in reports["ann"].ledger.messages)
+
+
+def test_path_of_a_robot_that_stays_away_is_withdrawn_and_it_may_come_back(team_of):
+    live = ("ann", "bob", "cid")
+    with team_of(drop_after_s=3.5) as team:
+        team.start(*live).start("dan", after={"what": "sent_kill", "entries": 2})
+        team.until(lambda: team.said("dan", "sent_kill"), 20.0)
+        at_s = team.said("dan", "sent_kill")
+        team_of.took(team, at_s, *live, holds=live, lost=["dan"])
+        gone_s = next(s["at_s"] for s in team.states("ann") if s["turn"] and s["holds"] == [*live])
+        assert 3.0 < gone_s - at_s < 3.5 + WITHIN_S
+        team.start("dan")
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
+        reports, _ = checked(team, *ALL)
+        (gone,) = [m for m in reports["ann"].ledger.messages if isinstance(m, Withdrawal)]
+        assert gone.robot == "dan"
+        assert gone.by in live
