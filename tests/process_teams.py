@@ -146,6 +146,9 @@ class ProcessTeam:
         (found,) = [line["report"] for line in self.lines(name) if "report" in line]
         return decode_report(bytes.fromhex(found))
 
+    def now(self):
+        return time.monotonic()
+
     def told(self):
         """What robots have said last, for a failure."""
         text = []
