@@ -8,7 +8,7 @@ import time
 
 import pytest
 from crossing_teams import crossing
-from process_teams import LEASE_S, RobotServer, checked, process_team
+from process_teams import LEASE_S, checked, process_team
 
 from fgplan.announcement.announcement import Withdrawal
 
@@ -22,23 +22,14 @@ on two cores with other work, of which lost_after_s is 2 s."""
 ALL = ("ann", "bob", "cid", "dan")
 
 
-@pytest.fixture(name="server", scope="module")
-def server_of_this_module(tmp_path_factory):
-    server = RobotServer(crossing(tmp_path_factory.mktemp("server"), 4))
-    try:
-        yield server
-    finally:
-        server.end()
-
-
 @pytest.fixture(name="team_of")
-def teams_of_four(server, tmp_path, record_property):
+def teams_of_four(robot_server, tmp_path, record_property):
     """Teams of four; at the end of a test, how long agreement took."""
 
     def make(**options):
         path = crossing(tmp_path, 4)
         given = {"slow_s": SLOW_S, "start_wait_s": 5.0}
-        return process_team(server, tmp_path, path, 4, {**OPTIONS, **options}, **given)
+        return process_team(robot_server, tmp_path, path, 4, {**OPTIONS, **options}, **given)
 
     def took(team, since_s, *live, **wanted):
         seconds = team.until_agreed(*live, within_s=WITHIN_S, **wanted) - since_s
@@ -48,6 +39,26 @@ def teams_of_four(server, tmp_path, record_property):
 
     make.took = took
     return make
+
+
+def test_one_fault_after_the_other(team_of):
+    """Late, killed, back without its memory, frozen: the tests below one by one, in short."""
+    early = ("ann", "bob", "cid")
+    with team_of() as team:
+        team.start("ann", "cid", start_wait_s=0.5)
+        team.start("bob", start_wait_s=0.5, after={"what": "sent_kill", "entries": 2})
+        team.until(lambda: team.said("bob", "sent_kill"), 20.0)
+        killed_s = team.said("bob", "sent_kill")
+        team_of.took(team, killed_s, "ann", "cid", holds=early, lost=["bob", "dan"])
+        team.signal("cid", signal.SIGSTOP)
+        team.start("dan", "bob", start_wait_s=0.5)
+        team_of.took(team, time.monotonic(), "ann", "bob", "dan", holds=ALL, lost=["cid"])
+        team.signal("cid", signal.SIGCONT)
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
+        reports, _ = checked(team, *ALL)
+        openings = [m.robot for m in reports["cid"].ledger.messages if not m.basis]
+        assert sorted(openings) == list(ALL)
+        assert openings[-1] == "dan"
 
 
 def killed_alone(team_of, robot, what, entries):
@@ -62,11 +73,13 @@ def killed_alone(team_of, robot, what, entries):
         return reports["bob" if robot == "ann" else "ann"]
 
 
+@pytest.mark.full
 def test_killed_before_its_entry_was_sent(team_of):
     report = killed_alone(team_of, "cid", "kill", 2)
     assert set(report.ledger.paths()) == set(ALL)  # its first path is kept
 
 
+@pytest.mark.full
 def test_killed_after_its_entry_was_sent(team_of):
     killed_alone(team_of, "ann", "sent_kill", 2)  # the one that the others had connected to
 
@@ -96,7 +109,8 @@ def test_killed_while_another_evaluates(team_of, robot, turn):
         checked(team, *live)
 
 
-@pytest.mark.parametrize("away_s", [0.0, pytest.param(LOST_AFTER_S + 2.0, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("away_s", [0.0, LOST_AFTER_S + 2.0])
 def test_killed_and_started_again_without_its_memory(team_of, away_s):
     with team_of() as team:
         team.start("ann", "bob", "dan").start("cid", after={"what": "sent_kill", "entries": 2})
@@ -119,6 +133,7 @@ def test_started_again_where_the_others_connect_to(team_of):
         checked(team, *ALL)
 
 
+@pytest.mark.full
 def test_late_joiner_gets_the_ledger_and_opens(team_of):
     early = ("ann", "bob", "cid")
     with team_of() as team:
@@ -143,6 +158,7 @@ def frozen(team_of, robot, entries):
         checked(team, *ALL)
 
 
+@pytest.mark.full
 def test_frozen_for_longer_than_lease_and_lost_after_s(team_of):
     frozen(team_of, "bob", 2)
 
@@ -187,6 +203,7 @@ def test_parted_until_both_sides_have_dropped_the_other(team_of):
     assert any(isinstance(m, Withdrawal) for m in reports["ann"].ledger.messages)
 
 
+@pytest.mark.full
 def test_path_of_a_robot_that_stays_away_is_withdrawn_and_it_may_come_back(team_of):
     live = ("ann", "bob", "cid")
     with team_of(drop_after_s=3.5) as team:

@@ -1,29 +1,24 @@
 """Impacted paths by real processes over zenoh, with network faults too: the plan of one process."""
 
 import json
+import os
+import signal
 
 import numpy as np
 import pytest
 from crossing_teams import NAMES, crossing, mission_with, plan_of, program_of
-from process_teams import RobotServer, process_team
+from process_teams import process_team
 
+import fgplan.processes.team_processes
 from fgplan.cli import main
 from fgplan.planners.plan import plan_of as plan_of_data
 from fgplan.planners.registry import find_planner
+from fgplan.processes.child import Child
 from fgplan.team.coordination import coordinate
 from fgplan.team.report import encode_report
 
 PARTED_S = 1.5
 FAULTS = {"loss": 0.3, "doubled": 0.2, "delay_s": (0.0, 0.2)}
-
-
-@pytest.fixture(name="server", scope="module")
-def server_of_this_module(tmp_path_factory):
-    server = RobotServer(crossing(tmp_path_factory.mktemp("server"), 4))
-    try:
-        yield server
-    finally:
-        server.end()
 
 
 def assert_same(found, expected):
@@ -62,9 +57,9 @@ def check_same(team, mission):
 
 
 @pytest.mark.parametrize("count", [2, 4, pytest.param(8, marks=pytest.mark.full)])
-def test_processes_make_the_plan_of_one_process(server, tmp_path, count):
+def test_processes_make_the_plan_of_one_process(robot_server, tmp_path, count):
     path = crossing(tmp_path, count)
-    with process_team(server, tmp_path, path, count, {}, leaves=True) as team:
+    with process_team(robot_server, tmp_path, path, count, {}, leaves=True) as team:
         team.start()
         team.until(lambda: all(team.said(name, "report") for name in team.names), 60.0)
         reports = check_same(team, mission_with(path))
@@ -72,7 +67,7 @@ def test_processes_make_the_plan_of_one_process(server, tmp_path, count):
         assert not any(team.lines(name)[-1]["refused"] for name in team.names)
 
 
-def faulty_and_parted(server, folder, seed, count=4):
+def faulty_and_parted(robot_server, folder, seed, count=4):
     """30 % lost, some doubled, all delayed and so out of order, and parted for a while."""
     options = {"repair_after_s": 0.3}
     path = crossing(folder, count)
@@ -81,7 +76,7 @@ def faulty_and_parted(server, folder, seed, count=4):
     cut, entries = int(generator.integers(1, count)), int(generator.integers(1, 3))
     sides = [[str(name) for name in side] for side in (names[:cut], names[cut:])]
     faults = {**FAULTS, "seed": seed}
-    with process_team(server, folder, path, count, options, leaves=True, faults=faults) as team:
+    with process_team(robot_server, folder, path, count, options, leaves=True, faults=faults) as team:
         for side in sides:
             for name in side:
                 after = {"what": "part", "entries": entries} if name == names[0] else None
@@ -95,14 +90,14 @@ def faulty_and_parted(server, folder, seed, count=4):
         check_same(team, mission_with(path))
 
 
-def test_lost_doubled_late_and_parted_messages_change_nothing(server, tmp_path):
-    faulty_and_parted(server, tmp_path, 0)
+def test_lost_doubled_late_and_parted_messages_change_nothing(robot_server, tmp_path):
+    faulty_and_parted(robot_server, tmp_path, 0)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(1, 13))
-def test_network_faults_by_seed_change_nothing(server, tmp_path, seed):
-    faulty_and_parted(server, tmp_path, seed, count=8 if seed % 4 == 0 else 4)
+def test_network_faults_by_seed_change_nothing(robot_server, tmp_path, seed):
+    faulty_and_parted(robot_server, tmp_path, seed, count=8 if seed % 4 == 0 else 4)
 
 
 @pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.full)])
@@ -118,3 +113,31 @@ def test_command_with_processes_gives_the_plan_of_one_process(tmp_path, count):
     for name in NAMES[:count]:
         assert (folder / "robots" / f"{name}.msgpack").exists()
         assert results["processes"][name]["finished"]
+
+
+class DoomedChild(Child):
+    """The process of cid is killed when it says that it has begun with turns."""
+
+    progress = None
+
+    def __setattr__(self, name, value):
+        super().__setattr__(name, value)
+        if name == "progress" and self.robot == "cid" and value is not None and value.done:
+            os.kill(self.pid, signal.SIGKILL)
+
+
+@pytest.mark.full
+def test_command_goes_on_without_a_robot_that_is_killed(tmp_path, monkeypatch):
+    path = crossing(tmp_path, 4)
+    options = "candidates = 8\nrepair_after_s = 0.5\nlost_after_s = 3.0"
+    path.write_text(path.read_text(encoding="utf-8").replace("candidates = 8", options))
+    folder = tmp_path / "run"
+    monkeypatch.setattr(fgplan.processes.team_processes, "Child", DoomedChild)
+    main(["team", str(path), "--processes", "--out", str(folder)])
+    results = json.loads((folder / "result.json").read_text(encoding="utf-8"))["results"]
+    (plan,) = map(plan_of_data, results["plans"])
+    assert list(results["processes"]) == ["ann", "bob", "dan"]
+    assert all(results["processes"][name]["finished"] for name in ("ann", "bob", "dan"))
+    assert plan.agreed
+    assert set(plan.paths) == {"ann", "bob", "cid", "dan"}  # its path is kept
+    assert "robot 'cid' was lost: ended by signal 9" in plan.warnings
