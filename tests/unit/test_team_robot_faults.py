@@ -8,10 +8,15 @@ from faulty_teams import Fault, FaultyTeam, can_improve, openings_of, random_fau
 from table_teams import make_team, outcome
 
 from fgplan.announcement.announcement import Withdrawal
+from fgplan.errors import StaleAnnouncementError
+from fgplan.team.agreement import agreement_of
 from fgplan.team.coordination import coordinate, set_up_team
+from fgplan.team.envelope import TrafficByKind
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, Partition
 from fgplan.team.options import CoordinationOptions
 from fgplan.team.replay import replay_turns
+from fgplan.team.report import report_of
+from fgplan.team.robot_state import same_path
 
 DELAY = NetworkFaults(delay_s=(0.02, 0.1))
 QUIET_S = 60.0
@@ -117,6 +122,30 @@ def test_short_partition_changes_nothing_and_a_long_one_ends_in_one_ledger():
         assert set(state.ledger.paths()) == set(problem.robots)
         if same:
             assert state.ledger.history == agreement.ledger.history
+
+
+def test_robots_that_end_apart_are_a_plan_that_is_not_agreed():
+    problem, candidates, _, setups = team_of(4)
+    parted = Partition(0.12, 1e6, (("r0", "r2", "r3"), ("r1",)))
+    faults = NetworkFaults(delay_s=(0.02, 0.1), partitions=(parted,))
+    team = FaultyTeam(setups, network=delayed(problem, faults)).run(QUIET_S)
+    reports = [report_of(state) for state in team.states.values()]
+    assert len({report.head for report in reports}) == 2
+    assert all(report.finished for report in reports)
+    options = setups["r0"].options
+    given = {"traffic": TrafficByKind(), "clock_s": 1.0, "seconds": {}}
+    agreement = agreement_of(reports, options, **given)
+    assert not agreement.agreed
+    assert agreement.ledger.basis() == reports[0].ledger.basis() != reports[1].ledger.basis()
+    (said,) = [line for line in agreement.warnings if "apart" in line]
+    assert said.startswith("robot 'r1' ended apart")
+    for robot, index in agreement.chosen.items():
+        assert same_path(agreement.paths[robot], candidates[robot][index])
+    assert list(agreement.chosen) == ["r0", "r2", "r3"]  # r1 has chosen anew
+    for report in reports:
+        object.__setattr__(report, "lost", ())
+    with pytest.raises(StaleAnnouncementError, match="'r1'.*not given the same options"):
+        agreement_of(reports, options, **given)
 
 
 @pytest.mark.parametrize("together", [False, True])
