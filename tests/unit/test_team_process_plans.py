@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -126,18 +127,50 @@ class DoomedChild(Child):
             os.kill(self.pid, signal.SIGKILL)
 
 
-@pytest.mark.full
-def test_command_goes_on_without_a_robot_that_is_killed(tmp_path, monkeypatch):
+def command_with(child, tmp_path, monkeypatch):
+    """Results and plan of ``fgplan team --processes`` for four robots with such a child."""
     path = crossing(tmp_path, 4)
     options = "candidates = 8\nrepair_after_s = 0.5\nlost_after_s = 3.0"
     path.write_text(path.read_text(encoding="utf-8").replace("candidates = 8", options))
     folder = tmp_path / "run"
-    monkeypatch.setattr(fgplan.processes.team_processes, "Child", DoomedChild)
+    monkeypatch.setattr(fgplan.processes.team_processes, "Child", child)
     main(["team", str(path), "--processes", "--out", str(folder)])
     results = json.loads((folder / "result.json").read_text(encoding="utf-8"))["results"]
     (plan,) = map(plan_of_data, results["plans"])
+    return results, plan
+
+
+@pytest.mark.full
+def test_command_goes_on_without_a_robot_that_is_killed(tmp_path, monkeypatch):
+    results, plan = command_with(DoomedChild, tmp_path, monkeypatch)
     assert list(results["processes"]) == ["ann", "bob", "dan"]
     assert all(results["processes"][name]["finished"] for name in ("ann", "bob", "dan"))
     assert plan.agreed
     assert set(plan.paths) == {"ann", "bob", "cid", "dan"}  # its path is kept
     assert "robot 'cid' was lost: ended by signal 9" in plan.warnings
+
+
+class FrozenChild(Child):
+    """The process of cid is frozen when it has begun with turns, and goes on 12 s later."""
+
+    progress = None
+
+    def __setattr__(self, name, value):
+        before = self.__dict__.get(name)
+        super().__setattr__(name, value)
+        begins = name == "progress" and value is not None and value.done
+        if begins and self.robot == "cid" and not (before and before.done):
+            os.kill(self.pid, signal.SIGSTOP)
+            threading.Timer(12.0, os.kill, (self.pid, signal.SIGCONT)).start()
+
+
+@pytest.mark.full
+def test_command_gives_a_plan_though_a_robot_comes_back_after_the_others_have_left(
+    tmp_path, monkeypatch
+):
+    results, plan = command_with(FrozenChild, tmp_path, monkeypatch)
+    assert list(results["processes"]) == ["ann", "bob", "cid", "dan"]
+    assert all(one["finished"] for one in results["processes"].values())
+    assert not plan.agreed
+    assert set(plan.paths) == {"ann", "bob", "cid", "dan"}
+    assert any(line.startswith("robot 'cid' ended apart") for line in plan.warnings)
