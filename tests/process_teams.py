@@ -67,7 +67,7 @@ class ProcessTeam:
         self.server, self.folder, self.scenario = server, folder, scenario
         self.names = NAMES[:count]
         self.options, self.given = options, given
-        self.first = free_endpoint()
+        self.ends = {name: free_endpoint() for name in self.names}
         self.pids, self.files, self.started = {}, {}, 0
 
     def start(self, *names, **given):
@@ -75,14 +75,20 @@ class ProcessTeam:
         for name in names or self.names:
             self.started += 1
             self.files[name] = self.folder / f"{name}-{self.started}.jsonl"
-            role = "listen" if name == self.names[0] else "connect"
+            # To all: one that comes back must find the team whoever of it is there.
+            others = [end for other, end in self.ends.items() if other != name]
             self.pids[name] = self.server.start(
                 scenario=str(self.scenario),
                 robot=name,
                 folder=str(self.folder),
                 file=str(self.files[name]),
                 options=self.options,
-                network={role: (self.first,), "lease_s": LEASE_S, "name": self.folder.name},
+                network={
+                    "listen": (self.ends[name],),
+                    "connect": others,
+                    "lease_s": LEASE_S,
+                    "name": self.folder.name,
+                },
                 **{**self.given, **given},
             )
         return self

@@ -108,7 +108,9 @@ class Robot:
         given, parent = self.given, os.getppid()
         mission = mission_with(given["scenario"], **given["options"])
         self.program = program = program_of(mission, given["robot"])
-        network = NetworkOptions(**given["network"])
+        network = NetworkOptions(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in given["network"].items()}
+        )
         looked_s = 0.0
 
         def stopped(_):

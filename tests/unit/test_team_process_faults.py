@@ -6,6 +6,7 @@ The same faults on a simulated network, and many more: ``test_team_robot_faults`
 import signal
 import time
 
+import numpy as np
 import pytest
 from crossing_teams import crossing
 from process_teams import LEASE_S, checked, process_team
@@ -81,7 +82,7 @@ def test_killed_before_its_entry_was_sent(team_of):
 
 @pytest.mark.full
 def test_killed_after_its_entry_was_sent(team_of):
-    killed_alone(team_of, "ann", "sent_kill", 2)  # the one that the others had connected to
+    killed_alone(team_of, "ann", "sent_kill", 2)
 
 
 @pytest.mark.full
@@ -122,7 +123,7 @@ def test_killed_and_started_again_without_its_memory(team_of, away_s):
 
 
 @pytest.mark.full
-def test_started_again_where_the_others_connect_to(team_of):
+def test_first_of_the_team_killed_and_started_again(team_of):
     with team_of() as team:
         team.start()
         team.until(lambda: any(s["turn"] >= 2 for s in team.states("bob")), 20.0)
@@ -219,3 +220,67 @@ def test_path_of_a_robot_that_stays_away_is_withdrawn_and_it_may_come_back(team_
         (gone,) = [m for m in reports["ann"].ledger.messages if isinstance(m, Withdrawal)]
         assert gone.robot == "dan"
         assert gone.by in live
+
+
+@pytest.mark.full
+def test_two_that_cannot_hear_each_other_agree_through_the_rest(team_of):
+    """Parted, but not into groups: the log goes round through those whom both hear."""
+    with team_of() as team:
+        (team.folder / "parted").touch()
+        team.start("ann", side=["cid", "dan"])
+        team.start("bob", side=["cid", "dan"])
+        team.start("cid", "dan")
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL)
+        (team.folder / "parted").unlink()
+        team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
+        checked(team, *ALL)
+
+
+def drawn_events(generator, horizon_s=6.0):
+    """Times at which robots are killed, started again, frozen, thawed; the team parted, healed."""
+    events, gone = [], set()
+    for name in generator.permutation(ALL)[: generator.integers(1, 4)]:
+        kind = generator.integers(3)
+        start_s, away_s = generator.uniform(0.3, horizon_s), generator.uniform(0.2, horizon_s)
+        first, then = ("freeze", "thaw") if kind == 0 else ("kill", "start")
+        events.append((start_s, first, str(name)))
+        if kind == 2 and len(gone) < 2:
+            gone.add(str(name))
+        else:
+            events.append((start_s + away_s, then, str(name)))
+    if generator.integers(2):
+        start_s = generator.uniform(0.3, horizon_s)
+        events += [(start_s, "part", ""), (start_s + generator.uniform(0.5, 6.0), "heal", "")]
+    return sorted(events), gone
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(12))
+def test_any_faults_by_seed(team_of, seed):
+    """Several robot faults at drawn times over a network with faults."""
+    generator = np.random.default_rng([13, seed])
+    events, gone = drawn_events(generator)
+    live = [name for name in ALL if name not in gone]
+    options = {"drop_after_s": 3.0} if seed % 3 == 0 else {}
+    faults = {"loss": 0.3, "doubled": 0.2, "delay_s": (0.0, 0.2), "seed": seed}
+    names = [str(name) for name in generator.permutation(ALL)]
+    cut = int(generator.integers(1, 4))
+    sides = {name: side for side in (names[:cut], names[cut:]) for name in side}
+    with team_of(**options) as team:
+        for name in ALL:
+            team.start(name, side=sides[name], faults=faults)
+        team.until(lambda: all(team.lines(name) for name in ALL), 30.0)
+        began_s = time.monotonic()
+        for at_s, what, name in events:
+            time.sleep(max(began_s + at_s - time.monotonic(), 0.0))
+            if what in ("part", "heal"):
+                parted = team.folder / "parted"
+                parted.touch() if what == "part" else parted.unlink()
+            elif what == "start":
+                team.start(name, side=sides[name], faults=faults, start_wait_s=0.5)
+            else:
+                numbers = {"kill": signal.SIGKILL, "freeze": signal.SIGSTOP, "thaw": signal.SIGCONT}
+                team.signal(name, numbers[what])
+        holds = live if options else None
+        team_of.took(team, time.monotonic(), *live, holds=holds, lost=sorted(gone))
+        checked(team, *live)
