@@ -1,4 +1,4 @@
-"""Starts robots as processes quickly: ``python robot_server.py``, one JSON a line on standard input.
+"""Starts robots as processes quickly: ``python robot_server.py``, told by lines of JSON.
 
 A new interpreter needs many seconds for its imports and kernels, so this process does that once,
 stays single-threaded, and forks itself for every robot that it is told to start; the robot then

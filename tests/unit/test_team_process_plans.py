@@ -77,7 +77,9 @@ def faulty_and_parted(robot_server, folder, seed, count=4):
     cut, entries = int(generator.integers(1, count)), int(generator.integers(1, 3))
     sides = [[str(name) for name in side] for side in (names[:cut], names[cut:])]
     faults = {**FAULTS, "seed": seed}
-    with process_team(robot_server, folder, path, count, options, leaves=True, faults=faults) as team:
+    with process_team(
+        robot_server, folder, path, count, options, leaves=True, faults=faults
+    ) as team:
         for side in sides:
             for name in side:
                 after = {"what": "part", "entries": entries} if name == names[0] else None

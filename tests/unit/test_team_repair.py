@@ -7,7 +7,7 @@ from table_teams import make_team
 from fgplan.team.coordination import set_up_team
 from fgplan.team.envelope import Inbox
 from fgplan.team.in_process import InProcessTransport, NetworkFaults
-from fgplan.team.known_logs import know_nothing, take_in
+from fgplan.team.known_logs import close_turn, know_nothing, take_in
 from fgplan.team.options import CoordinationOptions
 from fgplan.team.robot import step
 from fgplan.team.robot_state import start_robot
@@ -92,3 +92,16 @@ def test_any_order_gives_the_log_of_a_team_that_opened_without_one_robot():
         for place in np.random.default_rng(seed).permutation(len(entries)):
             logs = take_in(logs, late.setups["r1"], entries[place])
         assert logs.current.head == late.states["r0"].log.head
+
+
+def test_round_zero_that_was_closed_without_a_robot_stays_closed():
+    setups = setups_of()
+    openings = [entry for entry in entries_of_a_session() if entry.sequence == 0]
+    logs = know_nothing(setups["r1"])
+    for entry in openings[:3]:
+        logs = take_in(logs, setups["r1"], entry)
+    logs = close_turn(logs, setups["r1"], logs.current)
+    after = take_in(logs, setups["r1"], openings[3])
+    assert after.current is logs.current
+    assert set(after.known) == set(logs.known)
+    assert set(after.current.ledger.paths()) == {"r0", "r1", "r2"}

@@ -165,7 +165,7 @@ def test_robots_that_end_apart_are_a_plan_that_is_not_agreed():
     assert list(agreement.chosen) == ["r0", "r2", "r3"]  # r1 has chosen anew
     for report in reports:
         object.__setattr__(report, "lost", ())
-    with pytest.raises(StaleAnnouncementError, match="'r1'.*not given the same options"):
+    with pytest.raises(StaleAnnouncementError, match=r"'r1'.*not given the same options"):
         agreement_of(reports, options, **given)
 
 
