@@ -21,7 +21,7 @@ pytest.importorskip("zenoh")
 from crossing_teams import NAMES, mission_with, program_of
 
 from fgplan.evaluation.registry import find_evaluator
-from fgplan.team.network_options import free_endpoint
+from fgplan.processes.team_processes import loopback_endpoints
 from fgplan.team.replay import replay_turns
 from fgplan.team.report import decode_report
 
@@ -67,7 +67,7 @@ class ProcessTeam:
         self.server, self.folder, self.scenario = server, folder, scenario
         self.names = NAMES[:count]
         self.options, self.given = options, given
-        self.ends = {name: free_endpoint() for name in self.names}
+        self.ends = loopback_endpoints(self.names)
         self.pids, self.files, self.started = {}, {}, 0
 
     def start(self, *names, **given):
@@ -75,8 +75,6 @@ class ProcessTeam:
         for name in names or self.names:
             self.started += 1
             self.files[name] = self.folder / f"{name}-{self.started}.jsonl"
-            # To all: one that comes back must find the team whoever of it is there.
-            others = [end for other, end in self.ends.items() if other != name]
             self.pids[name] = self.server.start(
                 scenario=str(self.scenario),
                 robot=name,
@@ -84,8 +82,8 @@ class ProcessTeam:
                 file=str(self.files[name]),
                 options=self.options,
                 network={
-                    "listen": (self.ends[name],),
-                    "connect": others,
+                    "listen": [self.ends[name].listen],
+                    "connect": self.ends[name].connect,
                     "lease_s": LEASE_S,
                     "name": self.folder.name,
                 },

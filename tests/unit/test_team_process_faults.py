@@ -12,6 +12,7 @@ from crossing_teams import crossing
 from process_teams import LEASE_S, checked, process_team
 
 from fgplan.announcement.announcement import Withdrawal
+from fgplan.processes.team_processes import loopback_endpoints
 
 LOST_AFTER_S = 2.0
 OPTIONS = {"repair_after_s": 0.4, "lost_after_s": LOST_AFTER_S}
@@ -234,6 +235,27 @@ def test_two_that_cannot_hear_each_other_agree_through_the_rest(team_of):
         (team.folder / "parted").unlink()
         team_of.took(team, time.monotonic(), *ALL, holds=ALL, lost=[])
         checked(team, *ALL)
+
+
+def test_every_process_of_a_team_connects_to_all_others():
+    found = loopback_endpoints(ALL, "tls")
+    listening = [found[name].listen for name in ALL]
+    assert len(set(listening)) == 4
+    for name in ALL:
+        assert found[name].listen.startswith("tls/127.0.0.1:")
+        assert set(found[name].connect) == set(listening) - {found[name].listen}
+
+
+@pytest.mark.full
+def test_frozen_robot_finds_the_rest_although_the_first_of_the_team_has_gone(team_of):
+    with team_of() as team:
+        team.start("bob", "dan", "ann").start("cid", after={"what": "freeze", "entries": 2})
+        team.until(lambda: team.said("cid", "freeze"), 20.0)
+        team.kill("ann")
+        team_of.took(team, time.monotonic(), "bob", "dan", lost=["ann", "cid"])
+        team.signal("cid", signal.SIGCONT)
+        team_of.took(team, time.monotonic(), "bob", "cid", "dan", holds=ALL, lost=["ann"])
+        checked(team, "bob", "cid", "dan")
 
 
 def drawn_events(generator, horizon_s=6.0):
