@@ -104,13 +104,12 @@ def test_robot_that_comes_back_joins(away_s, frozen):
     assert state.lost == frozenset()
 
 
-@pytest.mark.parametrize("start_s", [0.3, 0.7])
-@pytest.mark.parametrize("robot", ["r0", "r2"])
+@pytest.mark.parametrize(("robot", "start_s"), [("r0", 0.3), ("r2", 0.7)])
 def test_second_life_takes_the_log_of_the_first_though_it_would_write_other_values(robot, start_s):
     problem, candidates, evaluator = make_team(4, seed=1, evaluator=ForgetfulEvaluator)
     options = CoordinationOptions(repair_after_s=0.5, lost_after_s=4.0)
     setups = set_up_team(problem, candidates, evaluator, options=options)
-    for away_s in (0.02, 0.2, 6.0):
+    for away_s in (0.02, 6.0):
         fault = Fault(robot, start_s, start_s + away_s)
         team = FaultyTeam(setups, (fault,), delayed(problem)).run(away_s + QUIET_S)
         assert team.is_settled()
