@@ -105,7 +105,8 @@ def test_network_faults_by_seed_change_nothing(robot_server, tmp_path, seed):
     faulty_and_parted(robot_server, tmp_path, seed, count=8 if seed == 4 else 4)
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("count", [2, 4])
 def test_command_with_processes_gives_the_plan_of_one_process(tmp_path, count):
     path = crossing(tmp_path, count)
     folder = tmp_path / "run"
