@@ -35,3 +35,16 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     if config.getoption("--update-golden") and os.environ.get("CI"):
         raise pytest.UsageError("--update-golden: CI compares with golden traces; it never writes")
+
+
+@pytest.fixture(scope="session")
+def robot_server(tmp_path_factory):
+    """The one process that starts robots as processes."""
+    from crossing_teams import crossing
+    from process_teams import RobotServer
+
+    server = RobotServer(crossing(tmp_path_factory.mktemp("server"), 4))
+    try:
+        yield server
+    finally:
+        server.end()

@@ -1,6 +1,7 @@
 """Teams whose common objective is read from a table: quick, and never the same twice."""
 
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,6 +52,21 @@ class TableEvaluator:
         return state, Evaluations(
             robot=robot, values=values, terms=np.zeros((len(values), 1)), report=report
         )
+
+
+class ForgetfulEvaluator(TableEvaluator):
+    """The same, but no two lives of a robot agree to the last digit (1e-12 relative)."""
+
+    lives = 0
+
+    def start(self, problem, robot, candidates):
+        self.lives += 1
+        return (robot, tuple(candidates), 1.0 + 1e-12 * self.lives)
+
+    def evaluate(self, state, announced):
+        *known, factor = state
+        _, found = super().evaluate(tuple(known), announced)
+        return state, replace(found, values=found.values * factor)
 
 
 class ChoosingEvaluator(TableEvaluator):

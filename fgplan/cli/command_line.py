@@ -131,7 +131,7 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
         "--connect",
         metavar="ENDPOINT",
         action="append",
-        help="where a teammate listens; one is enough",
+        help="where a teammate listens; one is enough to join, but name all that are known",
     )
     parser.add_argument("--out", metavar="DIR", help="run folder (default: runs/robot-SCENARIO)")
     parser.add_argument(

@@ -82,7 +82,7 @@ def _run_processes(
     for name, endpoints in loopback_endpoints(names, network.scheme).items():
         words = [sys.executable, "-m", "fgplan", "robot", str(run.path), "--name", name]
         words += ["--listen", endpoints.listen, "--out", str(folder), "--child"]
-        words += ["--connect", endpoints.connect] if endpoints.connect else []
+        words += [word for end in endpoints.connect for word in ("--connect", end)]
         words += ["--quick"] if options.quick else []
         limit_s = options.arguments["time_limit_s"]
         words += ["--time-limit-s", str(limit_s)] if limit_s is not None else []

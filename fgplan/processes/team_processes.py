@@ -1,9 +1,9 @@
 """One process a participant on this machine: started, watched, and brought to an end together.
 
-The first listens on a port of the loopback and the others connect to it; who else is there they
-learn from each other. A participant that is refused before it was ready (its scenario, its
-options, no path) stops the team. One that dies later does not: the others notice it by themselves
-and go on.
+Each listens on a port of the loopback and connects to all others: none is a master, and one that
+was cut off finds the team again whoever of it is still there. A participant that is refused before
+it was ready (its scenario, its options, no path) stops the team. One that dies later does not: the
+others notice it by themselves and go on.
 """
 
 import time
@@ -32,11 +32,11 @@ class Endpoints:
 
     Attributes:
         listen: Its own endpoint.
-        connect: That of the first, or nothing.
+        connect: Those of all others.
     """
 
     listen: str
-    connect: str = ""
+    connect: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Ended:
 
 
 def loopback_endpoints(robots: Sequence[str], scheme: str = "tcp") -> dict[str, Endpoints]:
-    """Endpoints on this machine: the first listens on a free port, all others connect to it.
+    """Endpoints on this machine: free ports, and everybody connects to everybody.
 
     Args:
         robots: Participants.
@@ -62,9 +62,15 @@ def loopback_endpoints(robots: Sequence[str], scheme: str = "tcp") -> dict[str, 
     Returns:
         Endpoints by participant.
     """
-    first = free_endpoint(scheme)
-    others = {name: Endpoints(f"{scheme}/127.0.0.1:0", first) for name in robots[1:]}
-    return {robots[0]: Endpoints(first), **others}
+    ends: list[str] = []
+    while len(ends) < len(robots):
+        end = free_endpoint(scheme)
+        if end not in ends:
+            ends.append(end)
+    return {
+        name: Endpoints(own, tuple(end for end in ends if end != own))
+        for name, own in zip(robots, ends, strict=True)
+    }
 
 
 def run_team_processes(

@@ -20,10 +20,11 @@ class Agreement:
     """The end of a planning session.
 
     Attributes:
-        agreed: Whether every robot refused; otherwise turns or time ran out.
+        agreed: Whether every robot refused; otherwise turns or time ran out, or robots that had
+            lost each other ended apart.
         ledger: Accepted announcements, the same at every robot.
         paths: Path of each robot that has one, in the order of the team.
-        chosen: Index of that path among the robot's candidates.
+        chosen: Index of that path among the robot's candidates, where the robot has said it.
         values: Common objective at the end of round 0 and after each accepted announcement; the
             first is NaN if nobody has evaluated anything.
         turns: Turns taken after round 0.
@@ -86,26 +87,33 @@ def agreement_of(
         What was agreed.
 
     Raises:
-        StaleAnnouncementError: If robots that have finished hold different ledgers.
+        StaleAnnouncementError: If robots that have finished hold different ledgers although nobody
+            was lost.
     """
-    furthest = max(reports, key=lambda report: report.turn)
-    ledger = furthest.ledger
     finished = all(report.finished for report in reports)
-    warnings = []
+    furthest = _representative(reports, finished=finished)
+    ledger = furthest.ledger
+    warnings, apart = [], False
     for report in reports:
         if finished and report.ledger.basis() != ledger.basis():
-            raise StaleAnnouncementError(
-                f"robot {report.robot!r}: ended with {report.ledger.basis()}, others with "
-                f"{ledger.basis()}; the robots were not given the same options"
+            if not (report.lost or furthest.lost):
+                raise StaleAnnouncementError(
+                    f"robot {report.robot!r}: ended with {report.ledger.basis()}, others with "
+                    f"{ledger.basis()}; the robots were not given the same options"
+                )
+            apart = True
+            warnings.append(
+                f"robot {report.robot!r} ended apart, with {report.ledger.basis()}; the plan is "
+                f"that of robot {furthest.robot!r}, with {ledger.basis()}: plan again together"
             )
         if not report.candidates:
             warnings.append(f"robot {report.robot!r} has no candidate path and stays at its start")
         if report.lost:
             warnings.append(f"robot {report.robot!r} ended without {', '.join(report.lost)}")
-    agreed = finished and furthest.agreed
+    agreed = finished and furthest.agreed and not apart
     if not finished:
         warnings.append(f"no agreement within {options.time_limit_s:g} s of the transport's clock")
-    elif not agreed:
+    elif not furthest.agreed:
         warnings.append(f"no agreement within {options.max_turns} turns")
     rises = _rises(ledger, furthest.first_value)
     if rises:
@@ -124,7 +132,11 @@ def agreement_of(
         agreed=agreed,
         ledger=ledger,
         paths=ledger.paths(),
-        chosen={report.robot: report.chosen for report in reports if report.chosen is not None},
+        chosen={
+            report.robot: report.chosen
+            for report in reports
+            if report.chosen is not None and _holds_the_same(report, ledger)
+        },
         values=(first, *values),
         turns=furthest.turn - 1,
         records=tuple(records),
@@ -135,6 +147,23 @@ def agreement_of(
         warnings=tuple(warnings),
         evaluator_states=evaluator_states or {},
     )
+
+
+def _representative(reports: Sequence[RobotReport], *, finished: bool) -> RobotReport:
+    """Whose ledger is the plan: of robots that ended apart most hold it; else it is furthest."""
+
+    def place(report: RobotReport) -> tuple[int, int]:
+        """How many hold it, and how far it is."""
+        same = sum(other.ledger.basis() == report.ledger.basis() for other in reports)
+        return (same if finished else 0, report.turn)
+
+    return max(reports, key=place)
+
+
+def _holds_the_same(report: RobotReport, ledger: Ledger) -> bool:
+    """Whether a ledger holds of a robot what the robot's own does."""
+    own, other = report.ledger.current.get(report.robot), ledger.current.get(report.robot)
+    return own is not None and other is not None and own.encoded == other.encoded
 
 
 def _rises(ledger: Ledger, first_value: float | None) -> int:

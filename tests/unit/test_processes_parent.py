@@ -14,7 +14,7 @@ from fgplan.io.mission_file import load_mission
 from fgplan.planners.program import participants, run_programs
 from fgplan.planners.registry import find_planner
 from fgplan.processes.robot_file import RobotFile, read_robot, robot_path, write_robot
-from fgplan.processes.team_processes import Ended, loopback_endpoints, run_team_processes
+from fgplan.processes.team_processes import Ended, run_team_processes
 from fgplan.processes.team_result import plan_of_files
 from fgplan.team.in_process import InProcessTransport
 
@@ -90,15 +90,6 @@ def test_a_child_that_reads_its_input_ends_with_the_parent(tmp_path):
     waits = READY + "sys.stdin.read(); say(3); sys.exit(5)"
     ended = run_team_processes(scripts(ann=READY, bob=waits), tmp_path, patience_s=0.2)
     assert ended["bob"].status == 5  # by itself: its input had ended
-
-
-def test_endpoints_are_loopback_and_the_first_is_connected_to():
-    found = loopback_endpoints(("ann", "bob", "cat"), "tls")
-    assert found["ann"].connect == ""
-    assert found["ann"].listen.startswith("tls/127.0.0.1:")
-    assert found["bob"] == found["cat"]
-    assert found["bob"].connect == found["ann"].listen
-    assert found["bob"].listen == "tls/127.0.0.1:0"
 
 
 @pytest.fixture(name="handed_in", scope="module")

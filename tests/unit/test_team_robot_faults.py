@@ -5,13 +5,19 @@ import math
 import numpy as np
 import pytest
 from faulty_teams import Fault, FaultyTeam, can_improve, openings_of, random_faults
-from table_teams import make_team, outcome
+from table_teams import ForgetfulEvaluator, make_team, outcome
 
 from fgplan.announcement.announcement import Withdrawal
+from fgplan.errors import StaleAnnouncementError
+from fgplan.team.agreement import agreement_of
+from fgplan.team.content import content_of
 from fgplan.team.coordination import coordinate, set_up_team
+from fgplan.team.envelope import TrafficByKind
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, Partition
 from fgplan.team.options import CoordinationOptions
 from fgplan.team.replay import replay_turns
+from fgplan.team.report import report_of
+from fgplan.team.robot_state import same_path
 
 DELAY = NetworkFaults(delay_s=(0.02, 0.1))
 QUIET_S = 60.0
@@ -98,6 +104,25 @@ def test_robot_that_comes_back_joins(away_s, frozen):
     assert state.lost == frozenset()
 
 
+@pytest.mark.parametrize(("robot", "start_s"), [("r0", 0.3), ("r2", 0.7)])
+def test_second_life_takes_the_log_of_the_first_though_it_would_write_other_values(robot, start_s):
+    problem, candidates, evaluator = make_team(4, seed=1, evaluator=ForgetfulEvaluator)
+    options = CoordinationOptions(repair_after_s=0.5, lost_after_s=4.0)
+    setups = set_up_team(problem, candidates, evaluator, options=options)
+    for away_s in (0.02, 6.0):
+        fault = Fault(robot, start_s, start_s + away_s)
+        team = FaultyTeam(setups, (fault,), delayed(problem)).run(away_s + QUIET_S)
+        assert team.is_settled()
+        assert team.settled_s < start_s + away_s + SETTLED_AFTER_S
+        assert can_improve(team, evaluator, 1e-6) == []
+        state = team.states[robot]
+        assert set(state.ledger.paths()) == set(problem.robots)
+        log, turns = replay_turns(setups, state.log.all_entries())
+        assert log.head == state.log.head
+        for turn in turns:
+            assert turn.found == pytest.approx(turn.stated, rel=1e-9)
+
+
 def test_late_joiner_gets_the_ledger_and_opens_on_its_turn():
     problem, _, evaluator, setups = team_of(4)
     team = FaultyTeam(setups, (Fault("r0", 0.0, 20.0),), delayed(problem)).run(20.0 + QUIET_S)
@@ -117,6 +142,30 @@ def test_short_partition_changes_nothing_and_a_long_one_ends_in_one_ledger():
         assert set(state.ledger.paths()) == set(problem.robots)
         if same:
             assert state.ledger.history == agreement.ledger.history
+
+
+def test_robots_that_end_apart_are_a_plan_that_is_not_agreed():
+    problem, candidates, _, setups = team_of(4)
+    parted = Partition(0.12, 1e6, (("r0", "r2", "r3"), ("r1",)))
+    faults = NetworkFaults(delay_s=(0.02, 0.1), partitions=(parted,))
+    team = FaultyTeam(setups, network=delayed(problem, faults)).run(QUIET_S)
+    reports = [report_of(state) for state in team.states.values()]
+    assert len({report.head for report in reports}) == 2
+    assert all(report.finished for report in reports)
+    options = setups["r0"].options
+    given = {"traffic": TrafficByKind(), "clock_s": 1.0, "seconds": {}}
+    agreement = agreement_of(reports, options, **given)
+    assert not agreement.agreed
+    assert agreement.ledger.basis() == reports[0].ledger.basis() != reports[1].ledger.basis()
+    (said,) = [line for line in agreement.warnings if "apart" in line]
+    assert said.startswith("robot 'r1' ended apart")
+    for robot, index in agreement.chosen.items():
+        assert same_path(agreement.paths[robot], candidates[robot][index])
+    assert list(agreement.chosen) == ["r0", "r2", "r3"]  # r1 has chosen anew
+    for report in reports:
+        object.__setattr__(report, "lost", ())
+    with pytest.raises(StaleAnnouncementError, match=r"'r1'.*not given the same options"):
+        agreement_of(reports, options, **given)
 
 
 @pytest.mark.parametrize("together", [False, True])
@@ -157,7 +206,21 @@ def check_random(seed, *, drop):
     team.run(last_s + QUIET_S)
     checked(team, evaluator)
     assert team.settled_s < last_s + SETTLED_AFTER_S
+    killed = {fault.robot for fault in robots if not fault.frozen}
+    assert_numbers_are_used_once(team, set(problem.robots) - killed)
     return team
+
+
+def assert_numbers_are_used_once(team, robots):
+    """Robots that kept their memory have never given one number to two announcements."""
+    said = {}
+    for state in team.states.values():
+        for log in state.logs.known.values():
+            for entry in log.entries:
+                if entry.robot in robots and entry.kind == "announcement":
+                    number = content_of(state.setup, entry).sequence
+                    said.setdefault((entry.robot, number), set()).add(entry.payload)
+    assert all(len(payloads) == 1 for payloads in said.values())
 
 
 @pytest.mark.parametrize("seed", range(30))
