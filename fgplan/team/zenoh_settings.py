@@ -1,7 +1,7 @@
 """Settings of the zenoh session of one robot: who it reaches, and who may write what.
 
     PREFIX/SENDER/to/RECEIVER    a message; to all teammates RECEIVER is *
-    PREFIX/SENDER/alive          a token that is there as long as SENDER is
+    PREFIX/SENDER/alive/ID       a token that is there as long as SENDER is; ID of its session
 
 with PREFIX = fgplan/NAME. With certificates each robot checks on its own side that what comes over
 a link with the common name r lies under PREFIX/r, and that r hears only what is sent to r.
@@ -111,7 +111,7 @@ def access_control(robot: str, robots: Sequence[str], options: NetworkOptions) -
             "watch": (
                 "ingress",
                 ["declare_liveliness_subscriber", "liveliness_query"],
-                [f"{prefix}/*/alive"],
+                [f"{prefix}/*/alive/*"],
             ),
             "own": ("egress", list(_ALL_MESSAGES), [f"{prefix}/**"]),
         }

@@ -25,6 +25,9 @@ BATCH = 256
 
 _POLL_S = 0.01
 
+_CHANGES = 64
+"""Changes of one teammate's tokens that are kept between two looks."""
+
 
 class ZenohTransport:
     """Carries the envelopes of one robot; a context manager; see the module header."""
@@ -80,8 +83,11 @@ class ZenohTransport:
         self._session: Any = None
         self._subscribers: list[Any] = []
         self._tokens: dict[str, Any] = {}
-        self._alive: set[str] = set()
+        self._sessions: dict[str, set[str]] = {}
+        self._cut_since_s: float | None = None
         self._opened_s = 0.0
+        self.relinked = 0
+        """How often it had to open its session anew."""
 
     def __enter__(self) -> "ZenohTransport":
         """Open the session, listen, and show that this robot is there.
@@ -89,6 +95,12 @@ class ZenohTransport:
         Raises:
             InvalidInputError: If zenoh refuses, as where the port is taken.
         """
+        self._open()
+        self._opened_s = time.monotonic()
+        return self
+
+    def _open(self) -> None:
+        """Open a session; see ``__enter__``."""
         zenoh = self._zenoh
         config = zenoh.Config()
         try:
@@ -100,7 +112,6 @@ class ZenohTransport:
                 f"robot {self.robot!r}: could not listen on {', '.join(self.options.listen)}: "
                 f"{error}"
             ) from error
-        self._opened_s = time.monotonic()
         liveliness = self._session.liveliness()
         for other in self._others:
             key = f"{self._prefix}/{other}/to/{self.robot}"
@@ -109,16 +120,17 @@ class ZenohTransport:
             self._subscribers.append(subscriber)
             # The handler, not the subscriber: that cannot be closed while a thread waits in it.
             self._mailbox.fill(other, self._taking(other, subscriber.handler))
-            # Only the last change counts, so one is enough.
-            latest = zenoh.handlers.RingChannel(1)
             watcher = liveliness.declare_subscriber(
-                f"{self._prefix}/{other}/alive", latest, history=True
+                f"{self._prefix}/{other}/alive/*",
+                zenoh.handlers.RingChannel(_CHANGES),
+                history=True,
             )
             self._subscribers.append(watcher)
             self._tokens[other] = watcher.handler
+            self._sessions[other] = set()
         # Last: whoever sees the token can already be heard.
-        self._token = liveliness.declare_token(f"{self._prefix}/{self.robot}/alive")
-        return self
+        own = self._session.info.zid()
+        self._token = liveliness.declare_token(f"{self._prefix}/{self.robot}/alive/{own}")
 
     def __exit__(
         self,
@@ -133,10 +145,19 @@ class ZenohTransport:
         """Leave the network; what has not been received is gone."""
         if self._session is None:
             return
+        self._leave()
+        self._mailbox.close()
+        self._end()
+
+    def _leave(self) -> None:
+        """Say nothing and hear nothing more."""
         self._token.undeclare()
         for subscriber in self._subscribers:
             subscriber.undeclare()
-        self._mailbox.close()
+        self._subscribers.clear()
+
+    def _end(self) -> None:
+        """Close the session."""
         self._session.close()
         self._session = None
 
@@ -240,13 +261,37 @@ class ZenohTransport:
             UnknownNameError: If it is another robot.
         """
         self._check_robot(robot)
+        links = {str(link) for link in self._session.info.peers_zid()}
         for other, handler in self._tokens.items():
+            sessions = self._sessions[other]
             while (change := handler.try_recv()) is not None:
+                session = str(change.key_expr).rpartition("/")[2]
                 if change.kind == self._zenoh.SampleKind.PUT:
-                    self._alive.add(other)
+                    sessions.add(session)
                 else:
-                    self._alive.discard(other)
-        return frozenset(self._alive)
+                    sessions.discard(session)
+        here = {other for other, sessions in self._sessions.items() if sessions & links}
+        self._mend({other for other, sessions in self._sessions.items() if sessions} - here)
+        return frozenset(here)
+
+    def _mend(self, cut: set[str]) -> None:
+        """Open the session anew where zenoh shows teammates to which it has no link.
+
+        That happens after a teammate was frozen while much was on its way to it (zenoh 1.10.2, in
+        four of ten such cases if only one of the two connects): its token is there, messages to it
+        go nowhere, and nothing but a new session changes that.
+        """
+        now_s = time.monotonic()
+        if not cut:
+            self._cut_since_s = None
+        elif self._cut_since_s is None:
+            self._cut_since_s = now_s
+        elif now_s > self._cut_since_s + 2.0 * self.options.lease_s:
+            self._cut_since_s = None
+            self.relinked += 1
+            self._leave()
+            self._end()
+            self._open()
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something has arrived.

@@ -100,8 +100,8 @@ def test_puts_and_tokens_under_another_robots_key_are_dropped_by_zenoh(folder, d
     with intruder(settings) as eve, ZenohTransport("ann", ROBOTS, options["ann"]) as ann:
         spied = eve.declare_subscriber("fgplan/**", zenoh.handlers.RingChannel(100))
         meant = eve.declare_subscriber("fgplan/team/ann/to/eve", zenoh.handlers.RingChannel(100))
-        false = eve.liveliness().declare_token("fgplan/team/bob/alive")
-        true = eve.liveliness().declare_token("fgplan/team/eve/alive")
+        false = eve.liveliness().declare_token(f"fgplan/team/bob/alive/{eve.info.zid()}")
+        true = eve.liveliness().declare_token(f"fgplan/team/eve/alive/{eve.info.zid()}")
         eventually(lambda: ann.present("ann") == {"eve"})
         forged = letter("bob").encoded
         for key in ("bob/to/ann", "bob/to/*", "*/to/ann", "**"):
@@ -146,7 +146,7 @@ def test_strangers_do_not_get_in(folder, tmp_path):
         ):
             settings.pop("access_control")
             with intruder(settings) as stranger:
-                stranger.liveliness().declare_token("fgplan/team/eve/alive")
+                stranger.liveliness().declare_token(f"fgplan/team/eve/alive/{stranger.info.zid()}")
                 time.sleep(0.4)
                 stranger.put("fgplan/team/eve/to/ann", letter("eve").encoded)
                 assert stranger.info.peers_zid() == []
@@ -164,7 +164,7 @@ def test_a_certificate_of_the_authority_with_a_name_outside_the_team_says_nothin
         settings = zenoh_settings("eve", ROBOTS, options["eve"])
         del settings["access_control"]
         with intruder(settings) as eve:
-            eve.liveliness().declare_token("fgplan/team/bob/alive")
+            eve.liveliness().declare_token(f"fgplan/team/bob/alive/{eve.info.zid()}")
             eventually(lambda: eve.info.peers_zid())
             time.sleep(0.3)
             eve.put("fgplan/team/bob/to/ann", letter("bob").encoded)
