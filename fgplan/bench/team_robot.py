@@ -15,6 +15,7 @@ import numpy as np
 from fgplan.bench.open_world import draw_world
 from fgplan.team.coordination import set_up_team
 from fgplan.team.endpoint import run_robot
+from fgplan.team.envelope import Inbox, Outbox
 from fgplan.team.network_options import NetworkOptions
 from fgplan.team.options import CoordinationOptions
 from fgplan.team.report import report_of
@@ -48,6 +49,22 @@ class TeamRun(msgspec.Struct, frozen=True, kw_only=True):
     connect: tuple[str, ...]
 
 
+class TurnTimes(msgspec.Struct, frozen=True, kw_only=True):
+    """The step in which a robot wrote an entry.
+
+    Attributes:
+        turn: Number of the turn.
+        began_s: When the step began, seconds of the machine's monotonic clock.
+        ended_s: When it ended; the entry is sent then.
+        planning_s: Seconds of evaluation in it.
+    """
+
+    turn: int
+    began_s: float
+    ended_s: float
+    planning_s: float
+
+
 class RobotRun(msgspec.Struct, frozen=True, kw_only=True):
     """What came of one scene, as one robot tells it.
 
@@ -56,6 +73,7 @@ class RobotRun(msgspec.Struct, frozen=True, kw_only=True):
         began_s: When it saw its whole team, seconds of the machine's monotonic clock.
         ended_s: When it knew that all had agreed.
         planning_s: Seconds of its evaluations.
+        written: Steps in which it wrote an entry.
         turns: Turns taken.
         head: Digest of its log.
         chosen: Index of the path that it announced last.
@@ -67,6 +85,7 @@ class RobotRun(msgspec.Struct, frozen=True, kw_only=True):
     began_s: float
     ended_s: float
     planning_s: float
+    written: tuple[TurnTimes, ...]
     turns: int
     head: str
     chosen: int | None
@@ -98,6 +117,24 @@ def plan_scene(run: TeamRun, place: int) -> RobotRun:
         connect=(run.connect[place],) if run.connect[place] else (),
     )
     ended: list[float] = []
+    written: list[TurnTimes] = []
+
+    def timed(before: RobotState, inbox: Inbox) -> tuple[RobotState, Outbox]:
+        """The step, and when it wrote something."""
+        step_began_s = time.monotonic()
+        after, outbox = step(before, inbox)
+        step_ended_s = time.monotonic()
+        for record in after.records[len(before.records) :]:
+            planning_s = 0.0 if record.decision is None else record.decision.seconds
+            written.append(
+                TurnTimes(
+                    turn=record.turn,
+                    began_s=step_began_s,
+                    ended_s=step_ended_s,
+                    planning_s=planning_s,
+                )
+            )
+        return after, outbox
 
     def note(now: RobotState) -> None:
         """When it has finished; anew where it had to go on."""
@@ -110,7 +147,7 @@ def plan_scene(run: TeamRun, place: int) -> RobotRun:
         transport.wait_for_team(START_WAIT_S)
         began_s = time.monotonic()
         limit_s = transport.now() + TIME_LIMIT_S
-        state = run_robot(state, step, transport, time_limit_s=limit_s, report=note, session=place)
+        state = run_robot(state, timed, transport, time_limit_s=limit_s, report=note, session=place)
         kinds = transport.traffic.kinds
     report = report_of(state)
     found = [item.value for item in report.ledger.history if item.value is not None]
@@ -119,6 +156,7 @@ def plan_scene(run: TeamRun, place: int) -> RobotRun:
         began_s=began_s,
         ended_s=ended[0] if ended else np.inf,
         planning_s=sum(r.decision.seconds for r in report.records if r.decision),
+        written=tuple(written),
         turns=report.turn - 1,
         head=report.head,
         chosen=report.chosen,
