@@ -187,12 +187,23 @@ def test_a_plan_that_does_not_satisfy_the_constraint_is_not_believed(good):
     refused(state, lie, "r1" if good.robot else "r0", "one length")
 
 
-def test_reports_of_strangers_and_of_oneself_say_nothing():
+def test_nobody_reports_for_another():
     state = states_of()["r0"]
-    refused(state, Report(robot=9, through=3), "r1", "report: expected one of a robot")
-    after, out = step(state, Inbox(0.1, (envelope_of(Report(robot=0, through=3), "r1"),)))
+    for number in (9, 2, 0):
+        refused(state, Report(robot=number, through=3), "r1", "expected one of itself")
+    own = envelope_of(Report(robot=0, through=3), "r0")  # its own, passed on by a teammate
+    after, out = step(state, Inbox(0.1, (own,)))
     assert after.reports == {}
     assert out == ()
+
+
+def test_a_report_is_passed_on_as_it_was_written():
+    state = states_of()["r0"]
+    letter = envelope_of(Report(robot=2, through=3), "r2", sequence=7)
+    after, out = step(state, Inbox(0.1, (letter,)))
+    assert after.reports == {2: Report(robot=2, through=3)}
+    assert [one.envelope for one in out] == [letter] * len(out)
+    assert {one.to for one in out} == {"r1"}
 
 
 def test_a_robot_does_not_answer_whom_it_does_not_hear():

@@ -172,7 +172,7 @@ class DistributedAiaPlanner:
             UnknownNameError: If there is no such robot.
         """
         from fgplan.planners.distributed_aia.message_search import set_up_robot
-        from fgplan.planners.distributed_aia.robot import step
+        from fgplan.planners.distributed_aia.robot import REPORT, step
         from fgplan.planners.distributed_aia.robot_outcome import progress_of, report_of
 
         began = time.perf_counter()
@@ -197,6 +197,7 @@ class DistributedAiaPlanner:
             progress=progress_of,
             time_limit_s=team.exchange.time_limit_s,
             seconds={"setup": time.perf_counter() - began},
+            relayed=frozenset({REPORT}),
         )
 
     def team_plan(

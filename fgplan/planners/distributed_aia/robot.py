@@ -46,6 +46,8 @@ from fgplan.planners.distributed_aia.robot_state import RobotState
 from fgplan.team.envelope import Envelope, Inbox, Outbox, Outgoing
 
 NODES = "nodes"
+REPORT = "report"
+"""Kind of the only message that robots pass on."""
 SWEEPS_A_STEP = 64
 """Sweeps that a robot without neighbours does in one step."""
 _OVER = ("iterations", "feasible", "lost")
@@ -117,6 +119,8 @@ def _see(state: RobotState, inbox: Inbox) -> RobotState:
 def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> RobotState:
     """One message."""
     sender = _place(state, envelope.robot)
+    if envelope.kind == REPORT:
+        return _believe(state, sender, envelope, out)
     if sender not in state.sweeps_of:
         raise InvalidInputError(
             f"{envelope.kind} of robot {envelope.robot!r}: robot {state.setup.name!r} does not "
@@ -140,15 +144,28 @@ def _take_in(state: RobotState, envelope: Envelope, out: list[Outgoing]) -> Robo
             _send(state, out, message, to=forwarded)
         return replace(state, opened=opened)
     if isinstance(message, Ask):
-        for robot, report in state.reports.items():
+        for robot, letter in state.letters.items():
             if robot not in message.has:
-                _send(state, out, report, to=sender)
+                out.append(Outgoing(letter, envelope.robot))
         return state
-    return _believe(state, sender, message, out)
+    raise InvalidInputError(
+        f"message of robot {envelope.robot!r}: kind: expected {REPORT!r} of a report, got "
+        f"{envelope.kind!r}"
+    )
 
 
-def _believe(state: RobotState, sender: int, report: Report, out: list[Outgoing]) -> RobotState:
-    """A report that says more than what is known of that robot; it is passed on."""
+def _believe(state: RobotState, writer: int, envelope: Envelope, out: list[Outgoing]) -> RobotState:
+    """A report that says more than what is known of that robot; it is passed on as it was written.
+
+    It may have come by others that passed it on, so a team that signs its messages knows all the
+    same who wrote it.
+    """
+    report = envelope.content or read_planning_message(envelope.payload)
+    if not isinstance(report, Report) or report.robot != writer:
+        raise InvalidInputError(
+            f"report of robot {envelope.robot!r}: expected one of itself, got "
+            f"{type(report).__name__.lower()} of robot number {getattr(report, 'robot', None)}"
+        )
     known = state.reports.get(report.robot)
     if report.robot == state.setup.robot or (known and known.through >= report.through):
         return state
@@ -159,8 +176,18 @@ def _believe(state: RobotState, sender: int, report: Report, out: list[Outgoing]
             f"report of robot number {report.robot}: expected a plan at least as good as the one "
             f"that it reported through sweep {known.through if known else 0}"
         )
-    _send(state, out, report, but=sender)
-    return replace(state, reports=state.reports | {report.robot: report})
+    names = state.setup.graph.robots
+    out.extend(Outgoing(envelope, names[other]) for other in state.sweeps_of if other != writer)
+    return _keep_report(state, report, envelope)
+
+
+def _keep_report(state: RobotState, report: Report, envelope: Envelope) -> RobotState:
+    """A report, and the envelope that it came in."""
+    return replace(
+        state,
+        reports=state.reports | {report.robot: report},
+        letters=state.letters | {report.robot: envelope},
+    )
 
 
 def _hold(state: RobotState, sender: int, sequence: int, nodes: Nodes) -> RobotState:
@@ -271,8 +298,7 @@ def _report(state: RobotState, out: list[Outgoing]) -> RobotState:
         return state
     best = state.best if state.best is not None and state.best.rank < through else None
     report = Report(robot=robot, through=through, plan=best)
-    _send(state, out, report)
-    return replace(state, reports=state.reports | {robot: report})
+    return _keep_report(state, report, _send(state, out, report))
 
 
 def _tell(state: RobotState, out: list[Outgoing]) -> RobotState:
@@ -309,9 +335,8 @@ def _send(
     message: PlanningMessage,
     *,
     to: int | None = None,
-    but: int | None = None,
-) -> None:
-    """Send to one neighbour, or to all but one."""
+) -> Envelope:
+    """Send to one neighbour, or to all; what was sent."""
     setup = state.setup
     kind = type(message).__name__.removesuffix("Message").lower()
     envelope = Envelope(
@@ -321,8 +346,9 @@ def _send(
         kind=kind,
         payload=msgspec.msgpack.encode(message),
     ).keep(message)
-    receivers = [to] if to is not None else [other for other in state.sweeps_of if other != but]
+    receivers = [to] if to is not None else list(state.sweeps_of)
     out.extend(Outgoing(envelope, setup.graph.robots[other]) for other in receivers)
+    return envelope
 
 
 def _place(state: RobotState, name: str) -> int:

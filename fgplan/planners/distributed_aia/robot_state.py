@@ -16,6 +16,7 @@ from fgplan.planners.distributed_aia.node_message import Nodes
 from fgplan.planners.distributed_aia.options import DistributedOptions
 from fgplan.planners.distributed_aia.plan_messages import Claim, PlanMessage, Report
 from fgplan.team.communication_graph import CommunicationGraph
+from fgplan.team.envelope import Envelope
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +63,7 @@ class RobotState:
         best: The best plan of its own goal nodes.
         looked_at: Sweeps whose goal nodes have been claimed for.
         reports: By robot.
+        letters: The envelope of each, as its writer sent it.
         replayed: Candidates replayed and refused.
         absent: Robots of its part that the network does not see, and since when.
         lost: Those that it has not seen for ``wait_s``: it plans no further without them.
@@ -80,6 +82,7 @@ class RobotState:
     best: PlanMessage | None = None
     looked_at: int = 0
     reports: dict[int, Report] = field(default_factory=dict)
+    letters: dict[int, Envelope] = field(default_factory=dict)
     replayed: tuple[int, int] = (0, 0)
     absent: dict[int, float] = field(default_factory=dict)
     lost: frozenset[int] = frozenset()
