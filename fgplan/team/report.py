@@ -1,6 +1,6 @@
 """What a robot holds at the end of a planning session, as plain data that can travel."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -78,28 +78,6 @@ def report_of(state: RobotState) -> RobotReport:
     )
 
 
-class _ReportData(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="report.v1", tag_field="schema"
-):
-    """A report on its way: the fields of ``RobotReport``, ledger and entries as their bytes."""
-
-    robot: str
-    ledger: bytes
-    head: str
-    turn: int
-    finished: bool
-    agreed: bool
-    lost: tuple[str, ...]
-    candidates: int
-    chosen: int | None
-    first_value: float | None
-    stale: int
-    dropped: int
-    clock_s: float
-    records: tuple[TurnRecord, ...]
-    entries: tuple[Envelope, ...]
-
-
 def encode_report(report: RobotReport) -> bytes:
     """A report as msgpack.
 
@@ -109,9 +87,7 @@ def encode_report(report: RobotReport) -> bytes:
     Returns:
         Its bytes.
     """
-    names = [name for name in _ReportData.__struct_fields__ if name != "ledger"]
-    given = {name: getattr(report, name) for name in names}
-    return msgspec.msgpack.encode(_ReportData(ledger=report.ledger.encode(), **given))
+    return msgspec.msgpack.encode(report)
 
 
 def decode_report(data: bytes) -> RobotReport:
@@ -124,12 +100,11 @@ def decode_report(data: bytes) -> RobotReport:
         The report.
 
     Raises:
-        InvalidInputError: If it is malformed.
+        InvalidInputError: If it is malformed, or a message of its ledger is not acceptable.
+        StaleAnnouncementError: If the messages are not in the order of acceptance.
     """
     try:
-        read = msgspec.msgpack.decode(data, type=_ReportData)
+        report = msgspec.msgpack.decode(data, type=RobotReport)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"report: {error}") from error
-    names = [name for name in _ReportData.__struct_fields__ if name != "ledger"]
-    given = {name: getattr(read, name) for name in names}
-    return RobotReport(ledger=decode_ledger(read.ledger), **given)
+    return replace(report, ledger=decode_ledger(report.ledger.encode()))
