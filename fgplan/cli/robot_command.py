@@ -21,7 +21,6 @@ from fgplan.io.network_table import make_network
 from fgplan.io.place import Place
 from fgplan.planners.planner import Progress
 from fgplan.processes.child import ProgressLine
-from fgplan.processes.rehearsal import rehearse
 from fgplan.processes.robot_file import RobotFile, write_robot
 from fgplan.processes.robot_process import run_participant
 
@@ -61,7 +60,7 @@ def run_robot_command(arguments: argparse.Namespace, progress: Progress) -> tupl
     else:
         progress(0, 0, "compiling")
         with planning(run):
-            rehearse(planner, run.mission)
+            planner.rehearse(run.mission, np.random.default_rng(run.mission.seed))
     with planning(run):
         program = planner.program(
             run.mission, arguments.name, np.random.default_rng(run.mission.seed)

@@ -11,13 +11,14 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fgplan.cli.open_run import OpenRun, begin_folder, distributed_planner, open_run, planning
 from fgplan.cli.run_command import outcome_of
 from fgplan.errors import InvalidInputError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.network_table import make_network
 from fgplan.planners.program import DistributedPlanner, participants
-from fgplan.processes.rehearsal import rehearse
 from fgplan.processes.robot_file import RobotFile, read_robot
 from fgplan.processes.team_processes import loopback_endpoints, run_team_processes
 from fgplan.processes.team_result import plan_of_files, run_in_process
@@ -76,7 +77,7 @@ def _run_processes(
     names = participants(planner, run.mission)
     began = time.perf_counter()
     options.progress(0, 0, "compiling")
-    rehearse(planner, run.mission)
+    planner.rehearse(run.mission, np.random.default_rng(run.mission.seed))
     rehearsed = time.perf_counter()
     commands = {}
     for name, endpoints in loopback_endpoints(names, network.scheme).items():

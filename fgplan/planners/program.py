@@ -79,8 +79,8 @@ class DistributedPlanner(AbstractPlanner, Protocol):
     def rehearse(self, mission: Mission, generator: np.random.Generator) -> None:
         """Run every compiled kernel that programs and ``team_plan`` of the mission need, briefly.
 
-        Called in one process alone before many start: two that compile the same kernel at once can
-        mix up numba's cache. A planner without kernels has nothing to do.
+        Called in one process alone before many start, so that each need not compile them again. A
+        planner without kernels has nothing to do.
 
         Args:
             mission: What is given.
