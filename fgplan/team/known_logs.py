@@ -19,6 +19,9 @@ from fgplan.team.robot_setup import RobotSetup
 WAITING_LIMIT = 4096
 """Entries that are kept although nobody knows yet what they go on from."""
 
+KNOWN_LIMIT = 65_536
+"""Logs that are remembered; beyond it a robot's own log goes on, but no other branch does."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownLogs:
@@ -151,6 +154,8 @@ def entries_for(
 def _add(logs: KnownLogs, setup: RobotSetup, log: Log) -> KnownLogs:
     """One more log; the robot changes to it if it should, and what waited for it is taken in."""
     current = logs.current
+    if len(logs.known) >= KNOWN_LIMIT and log.before is not current:
+        return replace(logs, dropped=logs.dropped + 1)
     if log.before is current or log.preference > current.preference:
         current = log
     waiting = dict(logs.waiting)

@@ -1,5 +1,6 @@
 """How quickly a log is repaired: who asks whom, when again, and what needs no asking at all."""
 
+import msgspec
 import numpy as np
 from faulty_teams import Fault, FaultyTeam
 from table_teams import make_team
@@ -9,6 +10,7 @@ from fgplan.team.envelope import Inbox
 from fgplan.team.in_process import InProcessTransport, NetworkFaults
 from fgplan.team.known_logs import close_turn, know_nothing, take_in
 from fgplan.team.options import CoordinationOptions
+from fgplan.team.refusal import Refusal
 from fgplan.team.robot import step
 from fgplan.team.robot_state import start_robot
 from fgplan.team.status import STATUS, decode_status, status_of
@@ -105,3 +107,19 @@ def test_round_zero_that_was_closed_without_a_robot_stays_closed():
     assert after.current is logs.current
     assert set(after.known) == set(logs.known)
     assert set(after.current.ledger.paths()) == {"r0", "r1", "r2"}
+
+
+def test_other_branches_do_not_grow_for_ever(monkeypatch):
+    entries = entries_of_a_session()
+    setup = setups_of()["r1"]
+    monkeypatch.setattr("fgplan.team.known_logs.KNOWN_LIMIT", 5)
+    logs = know_nothing(setup)
+    for entry in entries:
+        logs = take_in(logs, setup, entry)
+    assert len(logs.known) > 5  # its own log goes on
+    before = logs
+    other = msgspec.structs.replace(entries[4], basis=dict(entries[4].basis))
+    other = msgspec.structs.replace(other, payload=Refusal(1.5).encoded, kind="refusal")
+    logs = take_in(logs, setup, other)
+    assert logs.known == before.known
+    assert logs.dropped == before.dropped + 1

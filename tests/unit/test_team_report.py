@@ -34,7 +34,9 @@ def test_reports_that_are_none_are_refused(team):
     for wrong in (b"", data[:60], b"\x93" * 1000, msgspec.msgpack.encode({**plain, "turn": "x"})):
         with pytest.raises(InvalidInputError, match="report"):
             decode_report(wrong)
-    with pytest.raises(StaleAnnouncementError):  # its messages are accepted again, one after the other
+    with pytest.raises(
+        StaleAnnouncementError
+    ):  # its messages are accepted again, one after the other
         decode_report(msgspec.msgpack.encode(stale))
 
 
