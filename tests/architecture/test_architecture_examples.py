@@ -12,7 +12,7 @@ from fgplan.cli import main
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 LONGEST = 80
-NEEDS = {"18_sweep_on_dask.py": "distributed"}
+NEEDS = {"18_sweep_on_dask.py": "distributed", "19_four_processes.py": "zenoh"}
 """Packages of extras that are not in "all"."""
 
 
