@@ -12,7 +12,6 @@ the transport is what that comes to more over zenoh than in process, over the pl
 import argparse
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from itertools import pairwise
@@ -26,6 +25,7 @@ from fgplan.bench.team_robot import RobotRun, TeamRun
 from fgplan.errors import FgplanError, InvalidInputError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.result_file import Requirement, require_at_most, require_true
+from fgplan.processes.child import child_environment, python_module
 from fgplan.team.agreement import Agreement
 from fgplan.team.coordination import coordinate
 from fgplan.team.network_options import free_endpoint
@@ -120,7 +120,8 @@ def _over_zenoh(size: int, count: int, seeds: Sequence[int]) -> list[list[RobotR
                 connect=firsts if robot else ("",) * len(seeds),
             )
             process = subprocess.Popen(
-                [sys.executable, "-m", "fgplan.bench.team_robot"],
+                python_module("fgplan.bench.team_robot"),
+                env=child_environment(),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
             )

@@ -6,7 +6,6 @@ what robots that ran elsewhere handed in. The run folder is that of ``fgplan run
 """
 
 import dataclasses
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from fgplan.errors import InvalidInputError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.network_table import make_network
 from fgplan.planners.program import DistributedPlanner, participants
+from fgplan.processes.child import python_module
 from fgplan.processes.robot_file import RobotFile, read_robot
 from fgplan.processes.team_processes import loopback_endpoints, run_team_processes
 from fgplan.processes.team_result import plan_of_files, run_in_process
@@ -81,7 +81,7 @@ def _run_processes(
     rehearsed = time.perf_counter()
     commands = {}
     for name, endpoints in loopback_endpoints(names, network.scheme).items():
-        words = [sys.executable, "-m", "fgplan", "robot", str(run.path), "--name", name]
+        words = [*python_module("fgplan"), "robot", str(run.path), "--name", name]
         words += ["--listen", endpoints.listen, "--out", str(folder), "--child"]
         words += [word for end in endpoints.connect for word in ("--connect", end)]
         words += ["--quick"] if options.quick else []

@@ -7,6 +7,7 @@ when the parent does, however that ends.
 
 import os
 import subprocess
+import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,6 +34,25 @@ class ProgressLine(msgspec.Struct, frozen=True, kw_only=True):
     doing: str
 
 
+def python_module(name: str) -> list[str]:
+    """The words that run a module of this very package, whatever lies in the working folder.
+
+    Args:
+        name: The module.
+
+    Returns:
+        Program and first arguments; they need ``child_environment``.
+    """
+    return [sys.executable, "-P", "-m", name]
+
+
+def child_environment() -> dict[str, str]:
+    """The environment of this process, with this very package first on the path."""
+    here = str(Path(__file__).parents[2])
+    paths = [here, *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
 class Child:
     """A process that runs one participant."""
 
@@ -48,16 +68,13 @@ class Child:
         self.log = log
         self.progress: ProgressLine | None = None
         """The last that it said; None before it was ready to begin."""
-        here = str(Path(__file__).parents[2])
-        paths = [here, *filter(None, [os.environ.get("PYTHONPATH")])]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
         with log.open("wb") as errors:
             self._process = subprocess.Popen(
                 list(command),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                env=environment,
+                env=child_environment(),
             )
         self._reader = threading.Thread(target=self._read, name=f"progress of {robot}", daemon=True)
         self._reader.start()

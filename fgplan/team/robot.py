@@ -28,7 +28,7 @@ from fgplan.team.known_logs import close_turn, take_in
 from fgplan.team.order import most_passed, writers_of
 from fgplan.team.presence import look_round
 from fgplan.team.robot_state import RobotState
-from fgplan.team.status import STATUS, answer, decode_status, lacks, status_of
+from fgplan.team.status import STATUS, Status, answer, decode_status, lacks, status_of
 
 BACK_OFF = 3
 """Asks are at most 2^3 times ``repair_after_s`` apart."""
@@ -83,7 +83,7 @@ def _take_in(state: RobotState, envelope: Envelope, outgoing: list[Outgoing]) ->
                 state = msgspec.structs.replace(state, asked_s=now_s)
                 outgoing.append(Outgoing(status_of(setup, state.logs, ask=sender), sender))
         elif status.ask == setup.robot:
-            outgoing += answer(setup, state.logs, envelope, status)
+            state = _answer_once(state, envelope, status, outgoing)
         heads = {**state.heads, sender: envelope.parent}
         return msgspec.structs.replace(state, heads=heads, presence=state.presence.hear(sender))
     before = (state.log, len(state.pending))
@@ -91,6 +91,21 @@ def _take_in(state: RobotState, envelope: Envelope, outgoing: list[Outgoing]) ->
     if sender != setup.robot and before != (state.log, len(state.pending)):
         state = msgspec.structs.replace(state, presence=state.presence.hear(sender))
     return state
+
+
+def _answer_once(
+    state: RobotState, envelope: Envelope, status: Status, outgoing: list[Outgoing]
+) -> RobotState:
+    """Answer, unless the same was answered just now: asks queue up while this robot evaluates."""
+    setup, now_s = state.setup, state.presence.now_s or 0.0
+    said = (envelope.parent, status.holds, state.log.head, tuple(state.pending))
+    before, before_s = state.answered.get(envelope.robot, (None, -math.inf))
+    if before == said and now_s < before_s + setup.options.repair_after_s:
+        return state
+    outgoing += answer(setup, state.logs, envelope, status)
+    return msgspec.structs.replace(
+        state, answered={**state.answered, envelope.robot: (said, now_s)}
+    )
 
 
 def _write_due(state: RobotState, outgoing: list[Outgoing]) -> RobotState:

@@ -50,6 +50,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         records: What it did on its turns.
         dropped: Envelopes that were not for this session.
         asks: Statuses sent since something happened.
+        answered: Its last answer to each teammate: what the two of them had, and when.
         asked_s: When it asked a teammate that has a better log.
         timer_s: When the next status is due.
         wake_s: When it wants to be woken.
@@ -67,6 +68,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     records: tuple[TurnRecord, ...] = ()
     dropped: int = 0
     asks: int = 0
+    answered: Mapping[str, tuple[Any, float]] = {}
     asked_s: float = -np.inf
     timer_s: float = np.inf
     wake_s: float = 0.0

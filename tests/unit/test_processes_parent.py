@@ -1,5 +1,6 @@
 """What the parent of a team's processes does, with small processes in place of robots."""
 
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -13,6 +14,7 @@ from fgplan.errors import InvalidInputError, NoCandidatePathError
 from fgplan.io.mission_file import load_mission
 from fgplan.planners.program import participants, run_programs
 from fgplan.planners.registry import find_planner
+from fgplan.processes.child import child_environment, python_module
 from fgplan.processes.robot_file import RobotFile, read_robot, robot_path, write_robot
 from fgplan.processes.team_processes import Ended, run_team_processes
 from fgplan.processes.team_result import plan_of_files
@@ -179,3 +181,19 @@ def test_files_that_do_not_belong_together_are_refused(handed_in, tmp_path):
     robot_path(tmp_path, "cat").mkdir()
     with pytest.raises(InvalidInputError, match="what a robot handed in"):
         read_robot(tmp_path, "cat")
+
+
+def test_a_child_runs_this_package_whatever_lies_in_the_working_folder(tmp_path):
+    (tmp_path / "fgplan").mkdir()
+    (tmp_path / "fgplan" / "__init__.py").write_text("raise SystemExit('the wrong one')")
+    done = subprocess.run(
+        [*python_module("fgplan"), "--version"],
+        cwd=tmp_path,
+        env=child_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("fgplan ")

@@ -123,3 +123,15 @@ def test_other_branches_do_not_grow_for_ever(monkeypatch):
     logs = take_in(logs, setup, other)
     assert logs.known == before.known
     assert logs.dropped == before.dropped + 1
+
+
+def test_asks_that_queued_up_are_answered_once():
+    setups = setups_of()
+    asking = start_robot(setups["r0"])
+    asking, _ = step(asking, Inbox(0.0))
+    busy, (opening,) = step(start_robot(setups["r1"]), Inbox(0.0))
+    ask = status_of(setups["r0"], asking.logs, ask="r1")
+    busy, answers = step(busy, Inbox(1.0, (ask, ask, ask)))
+    assert [one.envelope for one in answers if one.to == "r0"] == [opening.envelope]
+    _, again = step(busy, Inbox(1.0 + REPAIR_S, (ask,)))  # the first answer may have been lost
+    assert opening.envelope in [one.envelope for one in again]
