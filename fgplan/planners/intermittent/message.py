@@ -6,6 +6,7 @@ meeting, and everything known once more, so that whoever has it has all.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -180,7 +181,7 @@ def knowledge_of(known: Known) -> Knowledge:
     )
 
 
-def wrap(robot: str, team: int, epoch: int, content: Sensed | Known | Agreed) -> Envelope:
+def wrap(robot: str, team: int, epoch: int, content: msgspec.Struct) -> Envelope:
     """Put a message into an envelope: the team is its session, the epoch its sequence.
 
     Args:
@@ -201,31 +202,35 @@ def wrap(robot: str, team: int, epoch: int, content: Sensed | Known | Agreed) ->
     ).keep(content)
 
 
-def unwrap(envelope: Envelope) -> Any:  # noqa: ANN401 - one of three kinds
+_KINDS: dict[str, type] = {"sensed": Sensed, "known": Known, "agreed": Agreed}
+
+
+def unwrap(envelope: Envelope, kinds: Mapping[str, type] = _KINDS, whose: str = "robot ") -> Any:  # noqa: ANN401 - one of the kinds
     """Read a message.
 
     Args:
         envelope: As received.
+        kinds: Types by kind; those that robots tell each other if left out.
+        whose: What errors call the sender, before its name.
 
     Returns:
-        A ``Sensed``, ``Known`` or ``Agreed``.
+        The message: of robots a ``Sensed``, ``Known`` or ``Agreed``.
 
     Raises:
         InvalidInputError: If it is malformed or of another kind.
     """
-    kinds = {"sensed": Sensed, "known": Known, "agreed": Agreed}
     if envelope.kind not in kinds:
         raise InvalidInputError(
-            f"message of robot {envelope.robot!r}: expected one of {', '.join(kinds)}, got "
+            f"message of {whose}{envelope.robot!r}: expected one of {', '.join(kinds)}, got "
             f"{envelope.kind!r}"
         )
     if envelope.content is not None:
         return envelope.content
     try:
-        content = msgspec.msgpack.decode(envelope.payload, type=kinds[envelope.kind])
+        content: Any = msgspec.msgpack.decode(envelope.payload, type=kinds[envelope.kind])
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise InvalidInputError(
-            f"message {envelope.kind!r} of robot {envelope.robot!r}: {error}"
+            f"message {envelope.kind!r} of {whose}{envelope.robot!r}: {error}"
         ) from error
     envelope.keep(content)
     return content

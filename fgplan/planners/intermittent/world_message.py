@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import msgspec
 
-from fgplan.errors import InvalidInputError
 from fgplan.planners.intermittent.estimate import Record
+from fgplan.planners.intermittent.message import unwrap, wrap
 from fgplan.team.envelope import Envelope
 
 WORLD = "world"
@@ -90,13 +90,7 @@ def wrap_world(sender: str, sequence: int, content: WorldMessage) -> Envelope:
     Returns:
         The envelope; its content is kept with it.
     """
-    return Envelope(
-        robot=sender,
-        session=0,
-        sequence=sequence,
-        kind=type(content).__name__.lower(),
-        payload=msgspec.msgpack.encode(content),
-    ).keep(content)
+    return wrap(sender, 0, sequence, content)
 
 
 def unwrap_world(envelope: Envelope) -> Any:  # noqa: ANN401 - one of four kinds
@@ -111,18 +105,4 @@ def unwrap_world(envelope: Envelope) -> Any:  # noqa: ANN401 - one of four kinds
     Raises:
         InvalidInputError: If it is malformed or of another kind.
     """
-    if envelope.kind not in _KINDS:
-        raise InvalidInputError(
-            f"message of {envelope.robot!r}: expected one of {', '.join(_KINDS)}, got "
-            f"{envelope.kind!r}"
-        )
-    if envelope.content is not None:
-        return envelope.content
-    try:
-        content: WorldMessage = msgspec.msgpack.decode(envelope.payload, type=_KINDS[envelope.kind])
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(
-            f"message {envelope.kind!r} of {envelope.robot!r}: {error}"
-        ) from error
-    envelope.keep(content)
-    return content
+    return unwrap(envelope, _KINDS, whose="")
