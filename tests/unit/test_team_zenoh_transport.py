@@ -58,17 +58,27 @@ def test_a_late_robot_and_one_that_comes_back_are_seen_and_heard():
 
 
 def test_a_full_ring_loses_the_oldest_of_that_sender_and_blocks_nobody():
+    # 60 MB: far more than the sockets hold, so most has come to the ring when sending ends.
+    count, payload = 3000, bytes(20_000)
     with open_team(ROBOTS, kept_per_sender=50) as team:
-        for number in range(1000):
-            team["bob"].send("bob", letter("bob", number))
+        for number in range(count):
+            team["bob"].send("bob", letter("bob", number, payload=payload), "ann")
+        waiting = team["ann"]._mailbox._waiting
+        assert len(waiting["bob"]) <= 50
         team["carl"].send("carl", letter("carl", 5), "ann")
-        eventually(lambda: team["ann"]._mailbox._waiting["carl"])
-        found = received(team["ann"], 1000, 0.4)
+        eventually(lambda: waiting["carl"])
+        # Carl's may come before the rest of bob's, which goes on while these are read.
+        found = []
+
+        def newest_is_here():
+            found.extend(team["ann"].receive("ann"))
+            return any(envelope.sequence == count - 1 for envelope in found)
+
+        eventually(newest_is_here)
         assert [envelope.sequence for envelope in found if envelope.robot == "carl"] == [5]
         numbers = [envelope.sequence for envelope in found if envelope.robot == "bob"]
-        assert numbers == sorted(numbers)
-        assert numbers[-1] == 999
-        assert 100 <= len(numbers) <= 102  # what the ring held, what waited, one in between
+        assert numbers == sorted(set(numbers))
+        assert 50 < len(numbers) < count / 2
 
 
 def test_a_batch_is_bounded_and_the_rest_is_still_there():
