@@ -22,6 +22,7 @@ from fgplan.announcement.array_data import ArrayData, pack, unpack
 from fgplan.announcement.term_data import Name, TermData
 from fgplan.checks import check_covariance
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 from fgplan.paths.candidate_path import CandidatePath, Observation
 from fgplan.typing import ArrayLike, FloatArray, IntArray
 
@@ -160,8 +161,8 @@ class Withdrawal(
 
 Message = Announcement | Withdrawal
 
-_DECODER = msgspec.msgpack.Decoder(Message)
-_JSON_DECODER = msgspec.json.Decoder(Message)
+_READER: MessageReader[Message] = MessageReader(Message)
+_JSON_READER: MessageReader[Message] = MessageReader(Message, json=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -261,10 +262,7 @@ def decode_message(data: bytes, sender: str, *, json: bool = False) -> Message:
         raise InvalidInputError(
             f"message of robot {sender!r}: expected at most {MAX_BYTES} bytes, got {len(data)}"
         )
-    try:
-        message: Message = (_JSON_DECODER if json else _DECODER).decode(data)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"message of robot {sender!r}: {error}") from error
+    message = (_JSON_READER if json else _READER).read(data, f"message of robot {sender!r}")
     if isinstance(message, Announcement):
         message.path()
     return message

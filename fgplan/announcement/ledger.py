@@ -19,6 +19,7 @@ import msgspec
 
 from fgplan.announcement.announcement import Announcement, Message, Withdrawal
 from fgplan.errors import InvalidInputError, StaleAnnouncementError, UnknownNameError
+from fgplan.message_reader import MessageReader
 from fgplan.paths.candidate_path import CandidatePath
 
 RISE_TOLERANCE = 1e-9
@@ -246,6 +247,10 @@ class _LedgerData(
     messages: tuple[Message, ...]
 
 
+_READER: MessageReader[_LedgerData] = MessageReader(_LedgerData)
+_JSON_READER: MessageReader[_LedgerData] = MessageReader(_LedgerData, json=True)
+
+
 def decode_ledger(data: bytes, *, json: bool = False) -> Ledger:
     """Read a ledger; every message is accepted again, so that every rule holds.
 
@@ -260,11 +265,7 @@ def decode_ledger(data: bytes, *, json: bool = False) -> Ledger:
         InvalidInputError: If it is malformed or a message is not acceptable.
         StaleAnnouncementError: If the messages are not in the order of acceptance.
     """
-    try:
-        read = msgspec.json.decode if json else msgspec.msgpack.decode
-        record = read(data, type=_LedgerData)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"ledger: {error}") from error
+    record = (_JSON_READER if json else _READER).read(data, "ledger")
     ledger = Ledger(
         order=record.order,
         session=record.session,

@@ -11,6 +11,7 @@ import msgspec
 
 from fgplan.errors import InvalidInputError
 from fgplan.io.result_file import replace_file
+from fgplan.message_reader import MessageReader
 
 ROBOTS = "robots"
 """Folder of a run folder that holds them."""
@@ -48,6 +49,9 @@ class RobotFile(
     first_refused: dict[str, str]
     seconds: dict[str, float]
     missing: tuple[str, ...]
+
+
+_READER: MessageReader[RobotFile] = MessageReader(RobotFile)
 
 
 def robot_path(folder: Path, robot: str) -> Path:
@@ -98,10 +102,7 @@ def read_robot(folder: Path, robot: str) -> RobotFile | None:
         return None
     except OSError as error:
         raise InvalidInputError(f"{path}: expected what a robot handed in: {error}") from error
-    try:
-        file = msgspec.msgpack.decode(data, type=RobotFile)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path}: expected what a robot handed in: {error}") from error
+    file = _READER.read(data, f"{path}: expected what a robot handed in")
     if file.robot != robot:
         raise InvalidInputError(f"{path}: expected robot {robot!r}, got {file.robot!r}")
     return file

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import msgspec
 
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 
 MAX_ENVELOPE_BYTES = 65 * 1024 * 1024
 """Largest envelope that is read at all."""
@@ -88,11 +89,7 @@ class Envelope(
         return self
 
 
-class _Other(msgspec.Struct, tag="", tag_field="schema"):
-    """Never sent: a choice of two is what makes msgspec insist on the schema."""
-
-
-_DECODER = msgspec.msgpack.Decoder(Envelope | _Other)
+_READER: MessageReader[Envelope] = MessageReader(Envelope)
 
 
 def decode_envelope(data: bytes) -> Envelope:
@@ -111,13 +108,7 @@ def decode_envelope(data: bytes) -> Envelope:
         raise InvalidInputError(
             f"envelope: expected at most {MAX_ENVELOPE_BYTES} bytes, got {len(data)}"
         )
-    try:
-        envelope = _DECODER.decode(data)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"envelope: {error}") from error
-    if isinstance(envelope, _Other):
-        raise InvalidInputError("envelope: schema: expected 'envelope.v1'")
-    return envelope
+    return _READER.read(data, "envelope")
 
 
 @dataclass(frozen=True, slots=True)

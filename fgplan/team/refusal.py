@@ -5,6 +5,7 @@ import math
 import msgspec
 
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 
 
 class Refusal(
@@ -28,11 +29,7 @@ class Refusal(
         return msgspec.msgpack.encode(self)
 
 
-class _Other(msgspec.Struct, tag="", tag_field="schema"):
-    """Never sent: a choice of two is what makes msgspec insist on the schema."""
-
-
-_DECODER = msgspec.msgpack.Decoder(Refusal | _Other)
+_READER: MessageReader[Refusal] = MessageReader(Refusal)
 
 
 def decode_refusal(data: bytes, sender: str) -> Refusal:
@@ -48,12 +45,7 @@ def decode_refusal(data: bytes, sender: str) -> Refusal:
     Raises:
         InvalidInputError: If it is malformed or its value is not finite.
     """
-    try:
-        refusal = _DECODER.decode(data)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"refusal of robot {sender!r}: {error}") from error
-    if isinstance(refusal, _Other):
-        raise InvalidInputError(f"refusal of robot {sender!r}: schema: expected 'refusal.v1'")
+    refusal = _READER.read(data, f"refusal of robot {sender!r}")
     if refusal.value is not None and not math.isfinite(refusal.value):
         raise InvalidInputError(
             f"refusal of robot {sender!r}: value: expected a finite number, got {refusal.value}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import msgspec
 
 from fgplan.announcement.ledger import Ledger, decode_ledger
-from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 from fgplan.team.envelope import Envelope
 from fgplan.team.robot_state import RobotState, TurnRecord
 
@@ -90,6 +90,9 @@ def encode_report(report: RobotReport) -> bytes:
     return msgspec.msgpack.encode(report)
 
 
+_READER: MessageReader[RobotReport] = MessageReader(RobotReport)
+
+
 def decode_report(data: bytes) -> RobotReport:
     """Read a report; every message of the ledger is accepted again.
 
@@ -103,8 +106,5 @@ def decode_report(data: bytes) -> RobotReport:
         InvalidInputError: If it is malformed, or a message of its ledger is not acceptable.
         StaleAnnouncementError: If the messages are not in the order of acceptance.
     """
-    try:
-        report = msgspec.msgpack.decode(data, type=RobotReport)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"report: {error}") from error
+    report = _READER.read(data, "report")
     return replace(report, ledger=decode_ledger(report.ledger.encode()))

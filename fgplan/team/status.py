@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 from fgplan.team.envelope import Count, Envelope, Name, Outgoing
 from fgplan.team.known_logs import KnownLogs, entries_for
 from fgplan.team.log import Preference
@@ -49,11 +50,7 @@ class Status(
         return self.changes, value, envelope.sequence, envelope.parent
 
 
-class _Other(msgspec.Struct, tag="", tag_field="schema"):
-    """Never sent: a choice of two is what makes msgspec insist on the schema."""
-
-
-_DECODER = msgspec.msgpack.Decoder(Status | _Other)
+_READER: MessageReader[Status] = MessageReader(Status)
 
 
 def status_of(setup: RobotSetup, logs: KnownLogs, ask: str = "") -> Envelope:
@@ -92,12 +89,7 @@ def decode_status(envelope: Envelope) -> Status:
         InvalidInputError: If it is malformed or its value is not finite.
     """
     name = f"status of robot {envelope.robot!r}"
-    try:
-        status = _DECODER.decode(envelope.payload)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{name}: {error}") from error
-    if isinstance(status, _Other):
-        raise InvalidInputError(f"{name}: schema: expected 'status.v1'")
+    status = _READER.read(envelope.payload, name)
     if status.value is not None and not math.isfinite(status.value):
         raise InvalidInputError(f"{name}: value: expected a finite number, got {status.value}")
     return status

@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 from fgplan.typing import FloatArray, IntArray
 
 _PARTS: tuple[tuple[str, Any], ...] = (
@@ -166,7 +167,7 @@ class NodeMessage(
             yield name, np.frombuffer(data, dtype=kind)
 
 
-_DECODER = msgspec.msgpack.Decoder(NodeMessage)
+_READER: MessageReader[NodeMessage] = MessageReader(NodeMessage)
 
 
 def read_nodes(data: bytes, targets: int) -> Nodes:
@@ -182,8 +183,4 @@ def read_nodes(data: bytes, targets: int) -> Nodes:
     Raises:
         InvalidInputError: If it is malformed, or ``NodeMessage.nodes`` refuses what is in it.
     """
-    try:
-        message = _DECODER.decode(data)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"nodes: {error}") from error
-    return message.nodes(targets)
+    return _READER.read(data, "nodes").nodes(targets)

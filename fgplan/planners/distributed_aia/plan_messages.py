@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 from fgplan.planners.distributed_aia.way import Way
 from fgplan.typing import FloatArray, IntArray
 
@@ -133,7 +134,7 @@ class Ask(_Message, frozen=True, kw_only=True, tag="ask.v1"):
 
 
 PlanningMessage = Claim | WayMessage | Report | Ask
-_DECODER = msgspec.msgpack.Decoder(PlanningMessage)
+_READER: MessageReader[PlanningMessage] = MessageReader(PlanningMessage)
 
 
 def read_planning_message(data: bytes) -> PlanningMessage:
@@ -148,10 +149,7 @@ def read_planning_message(data: bytes) -> PlanningMessage:
     Raises:
         InvalidInputError: If it is malformed.
     """
-    try:
-        return _DECODER.decode(data)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"planning message: {error}") from error
+    return _READER.read(data, "planning message")
 
 
 def written_way(way: Way) -> tuple[bytes, bytes]:

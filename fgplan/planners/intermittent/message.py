@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from fgplan.errors import InvalidInputError
+from fgplan.message_reader import MessageReader
 from fgplan.planners.intermittent.estimate import Estimate, Record
 from fgplan.planners.intermittent.knowledge import Knowledge
 from fgplan.planners.intermittent.leg import Leg
@@ -202,15 +203,21 @@ def wrap(robot: str, team: int, epoch: int, content: msgspec.Struct) -> Envelope
     ).keep(content)
 
 
-_KINDS: dict[str, type] = {"sensed": Sensed, "known": Known, "agreed": Agreed}
+_READERS: dict[str, MessageReader[Any]] = {
+    "sensed": MessageReader(Sensed),
+    "known": MessageReader(Known),
+    "agreed": MessageReader(Agreed),
+}
 
 
-def unwrap(envelope: Envelope, kinds: Mapping[str, type] = _KINDS, whose: str = "robot ") -> Any:  # noqa: ANN401 - one of the kinds
+def unwrap(
+    envelope: Envelope, readers: Mapping[str, MessageReader[Any]] = _READERS, whose: str = "robot "
+) -> Any:  # noqa: ANN401 - one of the kinds
     """Read a message.
 
     Args:
         envelope: As received.
-        kinds: Types by kind; those that robots tell each other if left out.
+        readers: Readers by kind; those that robots tell each other if left out.
         whose: What errors call the sender, before its name.
 
     Returns:
@@ -219,18 +226,14 @@ def unwrap(envelope: Envelope, kinds: Mapping[str, type] = _KINDS, whose: str = 
     Raises:
         InvalidInputError: If it is malformed or of another kind.
     """
-    if envelope.kind not in kinds:
+    if envelope.kind not in readers:
         raise InvalidInputError(
-            f"message of {whose}{envelope.robot!r}: expected one of {', '.join(kinds)}, got "
+            f"message of {whose}{envelope.robot!r}: expected one of {', '.join(readers)}, got "
             f"{envelope.kind!r}"
         )
     if envelope.content is not None:
         return envelope.content
-    try:
-        content: Any = msgspec.msgpack.decode(envelope.payload, type=kinds[envelope.kind])
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise InvalidInputError(
-            f"message {envelope.kind!r} of {whose}{envelope.robot!r}: {error}"
-        ) from error
+    name = f"message {envelope.kind!r} of {whose}{envelope.robot!r}"
+    content = readers[envelope.kind].read(envelope.payload, name)
     envelope.keep(content)
     return content

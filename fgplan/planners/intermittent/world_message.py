@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import msgspec
 
+from fgplan.message_reader import MessageReader
 from fgplan.planners.intermittent.estimate import Record
 from fgplan.planners.intermittent.message import unwrap, wrap
 from fgplan.team.envelope import Envelope
@@ -76,7 +77,9 @@ class Stood(msgspec.Struct, frozen=True, kw_only=True):
 
 
 WorldMessage = Tick | Quiet | Over | Stood
-_KINDS: dict[str, type] = {kind.__name__.lower(): kind for kind in (Tick, Quiet, Over, Stood)}
+_READERS: dict[str, MessageReader[Any]] = {
+    kind.__name__.lower(): MessageReader(kind) for kind in (Tick, Quiet, Over, Stood)
+}
 
 
 def wrap_world(sender: str, sequence: int, content: WorldMessage) -> Envelope:
@@ -105,4 +108,4 @@ def unwrap_world(envelope: Envelope) -> Any:  # noqa: ANN401 - one of four kinds
     Raises:
         InvalidInputError: If it is malformed or of another kind.
     """
-    return unwrap(envelope, _KINDS, whose="")
+    return unwrap(envelope, _READERS, whose="")
