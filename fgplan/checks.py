@@ -5,6 +5,7 @@ in one call.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -43,11 +44,12 @@ def check_finite(values: ArrayLike, name: str, shape: tuple[int | None, ...]) ->
         array = frozen(values)
     except (TypeError, ValueError) as error:
         raise InvalidInputError(f"{name}: expected numbers, got {values!r}") from error
-    wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
-    matches = len(array.shape) == len(shape) and all(
-        size is None or size == have for size, have in zip(shape, array.shape, strict=True)
+    matches = array.shape == shape or (
+        len(array.shape) == len(shape)
+        and all(size is None or size == have for size, have in zip(shape, array.shape, strict=True))
     )
     if not matches:
+        wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
         raise InvalidInputError(f"{name}: expected shape {wanted}, got {array.shape}")
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -111,6 +113,33 @@ def check_covariance(values: ArrayLike, name: str, size: int | None = None) -> C
             f"{eigenvalues[0]:g} (diagonal scaled to one); check signs of the off-diagonal entries"
         )
     return matrix
+
+
+def check_covariances(values: FloatArray, name: Callable[[int], str]) -> FloatArray:
+    """Check a stack of covariances at once.
+
+    Args:
+        values: Shape (K, n, n).
+        name: What each of them is, for the message.
+
+    Returns:
+        Shape (K, n, n), read-only, exactly symmetric.
+
+    Raises:
+        InvalidInputError: If one of them is none; see ``check_covariance``.
+    """
+    variances = np.diagonal(values, axis1=1, axis2=2)
+    if np.isfinite(values).all() and (variances > 0.0).all():
+        if np.count_nonzero(values) == variances.size:
+            return frozen(values)
+        if (values == np.swapaxes(values, 1, 2)).all():
+            scale = 1.0 / np.sqrt(variances)
+            scaled = values * (scale[:, :, None] * scale[:, None, :])
+            eigenvalues = np.linalg.eigvalsh(scaled)
+            if (eigenvalues[:, 0] > eigenvalues[:, -1] / CONDITION_LIMIT).all():
+                return frozen(values)
+    checked = [check_covariance(matrix, name(index)) for index, matrix in enumerate(values)]
+    return frozen(np.reshape(checked, values.shape))
 
 
 def check_semidefinite(values: ArrayLike, name: str, size: int | None = None) -> Covariance:

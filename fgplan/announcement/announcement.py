@@ -10,6 +10,7 @@ A message is checked once, where it arrives; every fault names the robot and the
 made once a message and kept with it, so that robots in one process share it.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,11 +21,11 @@ import numpy as np
 
 from fgplan.announcement.array_data import ArrayData, pack, unpack
 from fgplan.announcement.term_data import Name, TermData
-from fgplan.checks import check_covariance
+from fgplan.checks import check_covariances
 from fgplan.errors import InvalidInputError
 from fgplan.message_reader import MessageReader
 from fgplan.paths.candidate_path import CandidatePath, Observation
-from fgplan.typing import ArrayLike, FloatArray, IntArray
+from fgplan.typing import ArrayLike, Covariance, FloatArray, IntArray
 
 MAX_BYTES = 64 * 1024 * 1024
 """Largest message that is read at all."""
@@ -276,7 +277,7 @@ def _checked_path(message: Announcement) -> CandidatePath:
     numbers += [("goal", coordinate) for coordinate in message.goal]
     numbers += [(f"terms[{place}].weight", term.weight) for place, term in enumerate(message.terms)]
     for field, number in numbers:
-        if number is not None and not np.isfinite(number):
+        if number is not None and not math.isfinite(number):
             raise InvalidInputError(f"{name}: {field}: expected a finite number, got {number}")
     poses = unpack(message.poses, f"{name}: poses", "<f8", (2, 3))
     if not 2 <= len(poses) <= MAX_STEPS + 1:
@@ -346,18 +347,33 @@ def _checked_observations(message: Announcement, name: str) -> tuple[Observation
             f"{name}: noise: expected one covariance of 1 to 6 rows an observation, got "
             f"{len(noise)} numbers for sizes {np.unique(sizes).tolist()}"
         )
-    made = []
-    place = 0
-    for (step, sensor, size), landmark in zip(rows.tolist(), landmarks.tolist(), strict=True):
-        block = noise[place : place + size * size].reshape(size, size)
-        place += size * size
-        covariance = check_covariance(block, f"{name}: noise of landmark {landmark} at step {step}")
-        made.append(
-            Observation(
-                step=step,
-                landmark=landmark,
-                sensor=message.sensors[sensor],
-                covariance=covariance,
-            )
+    covariances = _checked_noise(noise, rows, landmarks, name)
+    return tuple(
+        Observation(
+            step=step, landmark=landmark, sensor=message.sensors[sensor], covariance=covariance
         )
-    return tuple(made)
+        for (step, sensor, _), landmark, covariance in zip(
+            rows.tolist(), landmarks.tolist(), covariances, strict=True
+        )
+    )
+
+
+def _checked_noise(
+    noise: FloatArray, rows: IntArray, landmarks: IntArray, name: str
+) -> list[Covariance]:
+    """The covariance of each observation; those of one size are checked at once."""
+    sizes = rows[:, 2]
+    ends = np.cumsum(sizes**2)
+    covariances: list[Covariance] = [noise] * len(rows)
+    for size in np.unique(sizes).tolist():
+        which = np.flatnonzero(sizes == size)
+        columns = ends[which, None] - size * size + np.arange(size * size)
+
+        def named(place: int, which: IntArray = which) -> str:
+            row = which[place]
+            return f"{name}: noise of landmark {landmarks[row]} at step {rows[row, 0]}"
+
+        stack = check_covariances(noise[columns].reshape(-1, size, size), named)
+        for row, covariance in zip(which.tolist(), stack, strict=True):
+            covariances[row] = covariance
+    return covariances

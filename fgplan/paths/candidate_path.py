@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fgplan.checks import check_covariance, check_finite, frozen
+from fgplan.checks import check_covariances, check_finite
 from fgplan.errors import InvalidInputError
 from fgplan.models.pose import PLANAR_DIM, SPATIAL_DIM
 from fgplan.paths.state import State
@@ -62,24 +62,25 @@ class CandidatePath:
     def __post_init__(self) -> None:
         """Check shapes, finiteness, times and noise once."""
         name = f"path of robot {self.robot!r}"
-        poses = frozen(self.poses)
-        if poses.shape[1:] not in ((3,), (4, 4)) or len(poses) < 2:
+        shape = np.shape(self.poses)
+        if shape[1:] not in ((3,), (4, 4)) or shape[0] < 2:
             raise InvalidInputError(
                 f"{name}: expected poses of shape (L + 1, 3) or (L + 1, 4, 4) with L >= 1, got "
-                f"{poses.shape}"
+                f"{shape}"
             )
-        size = len(poses)
-        dim = PLANAR_DIM if poses.ndim == 2 else SPATIAL_DIM
-        poses = check_finite(poses, f"{name}: poses", poses.shape)
+        size = shape[0]
+        dim = PLANAR_DIM if len(shape) == 2 else SPATIAL_DIM
+        poses = check_finite(self.poses, f"{name}: poses", shape)
         times = check_finite(self.times_s, f"{name}: times_s", (size,))
-        if (np.diff(times) <= 0).any():
-            step = int(np.argmax(np.diff(times) <= 0)) + 1
+        stops = times[1:] <= times[:-1]
+        if stops.any():
+            step = int(np.argmax(stops)) + 1
             raise InvalidInputError(f"{name}: expected increasing times, got a stop at step {step}")
         noise = check_finite(
             self.motion_covariances, f"{name}: motion_covariances", (size - 1, dim, dim)
         )
-        _check_batch(noise, name)
-        vertices = tuple(int(v) for v in self.vertices) or (-1,) * size
+        noise = check_covariances(noise, lambda row: f"{name}: motion covariance of step {row + 1}")
+        vertices = tuple(map(int, self.vertices)) or (-1,) * size
         if len(vertices) != size:
             raise InvalidInputError(f"{name}: expected {size} vertices, got {len(vertices)}")
         for seen in self.observations:
@@ -89,7 +90,8 @@ class CandidatePath:
                 )
         where = poses[:, :2] if dim == PLANAR_DIM else poses[:, :3, 3]
         with np.errstate(over="ignore"):
-            length = float(np.linalg.norm(np.diff(where, axis=0), axis=1).sum())
+            steps = where[1:] - where[:-1]
+            length = float(np.sqrt((steps * steps).sum(axis=1)).sum())
         if not np.isfinite(length):
             raise InvalidInputError(
                 f"{name}: poses: expected places whose distances are finite, got up to "
@@ -125,14 +127,3 @@ class CandidatePath:
     def states(self) -> tuple[State, ...]:
         """States 1 to L: the variables that the path adds to the belief."""
         return tuple(self.state(step) for step in range(1, self.steps + 1))
-
-
-def _check_batch(covariances: FloatArray, name: str) -> None:
-    """Check every motion covariance; the quick test first, the exact message if it fails."""
-    symmetric = np.abs(covariances - np.swapaxes(covariances, 1, 2)).max() == 0.0
-    diagonal = np.diagonal(covariances, axis1=1, axis2=2)
-    off = np.abs(covariances).sum(axis=(1, 2)) - np.abs(diagonal).sum(axis=1)
-    if symmetric and (off == 0.0).all() and (diagonal > 0.0).all():
-        return
-    for step, covariance in enumerate(covariances, start=1):
-        check_covariance(covariance, f"{name}: motion covariance of step {step}")

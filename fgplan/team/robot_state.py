@@ -103,7 +103,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     @property
     def at_rest(self) -> bool:
         """Whether its session is over and it knows that all who are there hold the same log."""
-        there = [robot for robot in self.setup.others if robot not in self.lost]
+        lost = self.lost
+        there = [robot for robot in self.setup.others if robot not in lost]
         return self.over and all(self.heads.get(r) == self.log.head for r in there)
 
     @property
