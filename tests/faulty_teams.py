@@ -19,12 +19,16 @@ from fgplan.team.robot_state import start_robot
 
 @dataclass(frozen=True)
 class Fault:
-    """A robot that is away from ``start_s`` to ``end_s``; killed, or frozen with its memory."""
+    """A robot that is away from ``start_s`` to ``end_s``; killed, or frozen with its memory.
+
+    Of a frozen one that hangs the network still tells that it is there.
+    """
 
     robot: str
     start_s: float
     end_s: float = math.inf
     frozen: bool = False
+    hangs: bool = False
 
 
 @dataclass
@@ -83,7 +87,8 @@ class FaultyTeam:
         before = self.states[name]
         present = None
         if self.tell_presence:
-            present = frozenset(n for n in self.states if n != name)
+            hanging = {f.robot for f in self.faults if f.hangs and f is self.away(f.robot, now_s)}
+            present = (frozenset(self.states) | hanging) - {name}
         inbox = Inbox(now_s, transport.receive(name), present)
         after, outbox = step(before, inbox)
         if after.log is not before.log:

@@ -85,6 +85,8 @@ class Robot:
             self.say(**{self.after["what"]: True})
             if self.after["what"] == "part":
                 (self.folder / "parted").touch()
+            elif self.after["what"] == "hang":  # zenoh's own threads go on
+                time.sleep(self.after["seconds"])
             else:
                 number = {"sent_kill": signal.SIGKILL, "freeze": signal.SIGSTOP}
                 os.kill(os.getpid(), number[self.after["what"]])

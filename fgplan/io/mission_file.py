@@ -139,6 +139,7 @@ def _planner_options(scenario: Scenario, place: Place) -> dict[str, Any]:
         "tolerance",
         "without_path",
         "lost_after_s",
+        "hung_after_s",
         "drop_after_s",
         "communication",
     ):

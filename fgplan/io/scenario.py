@@ -179,8 +179,8 @@ class CommunicationTable(Table, frozen=True):
 class TeamTable(Table, frozen=True):
     """``[team]``: how the robots agree and what they learn from each other.
 
-    Order, tolerance, without_path, lost_after_s, drop_after_s and communication go to the planner
-    as options of these names; what is left out is the planner's default.
+    Order, tolerance, without_path, the three ``_after_s`` and communication go to the planner as
+    options of these names; what is left out is the planner's default.
 
     Attributes:
         multi_robot: Models of multi-robot factors; several may hold at once.
@@ -189,6 +189,8 @@ class TeamTable(Table, frozen=True):
         include_past: Whether past poses take part in multi-robot factors.
         without_path: A robot whose goal cannot be reached is an error, or it stays at its start.
         lost_after_s: Seconds without a sign of a robot after which the others go on without it.
+        hung_after_s: Seconds of silence after which a robot whom the network sees counts as lost
+            too; longer than any evaluation. The network is believed if left out.
         drop_after_s: Seconds after which the path of a lost robot is withdrawn; kept if left out.
         communication: Faults of the simulated network; a perfect one if left out.
         network: How robots that are processes reach each other: ``fgplan.team.network_options``.
@@ -200,6 +202,7 @@ class TeamTable(Table, frozen=True):
     include_past: bool = True
     without_path: Literal["refuse", "stay"] | None = None
     lost_after_s: Positive | None = None
+    hung_after_s: Positive | None = None
     drop_after_s: Positive | None = None
     communication: CommunicationTable | None = None
     network: dict[str, Any] = field(default_factory=dict)

@@ -75,7 +75,8 @@ def due_withdrawals(state: RobotState) -> tuple[str, ...]:
     Returns:
         Those whose paths the ledger holds, in the order of the team.
     """
-    gone = state.presence.lost(state.setup.options.drop_after_s)
+    options = state.setup.options
+    gone = state.presence.lost(options.drop_after_s, options.hung_after_s)
     held = state.ledger.current
     return tuple(
         r for r in state.setup.robots if r in gone and isinstance(held.get(r), Announcement)

@@ -30,6 +30,9 @@ class CoordinationOptions:
         repair_after_s: Seconds of silence after which a robot asks for what it misses.
         lost_after_s: A robot that has not been heard of for so many seconds counts as lost: the
             others take their turns without it until it is back. Infinite: they wait for it.
+        hung_after_s: The same where the network still sees the robot but it has said nothing for so
+            many seconds, as when its program hangs; longer than the longest evaluation, in which a
+            robot says nothing either. Infinite: the network is believed.
         drop_after_s: Seconds after which the path of a lost robot is withdrawn. Infinite: it is
             kept.
         time_limit_s: Seconds on the transport's clock after which the team gives up.
@@ -48,6 +51,7 @@ class CoordinationOptions:
     max_turns: int = 10_000
     repair_after_s: float = 1.0
     lost_after_s: float = math.inf
+    hung_after_s: float = math.inf
     drop_after_s: float = math.inf
     time_limit_s: float = 3600.0
     session: int = 0
@@ -73,11 +77,12 @@ class CoordinationOptions:
                 "coordination lost_after_s: expected at least four times repair_after_s = "
                 f"{self.repair_after_s:g}, got {self.lost_after_s!r}"
             )
-        if not self.drop_after_s >= self.lost_after_s:
-            raise InvalidInputError(
-                f"coordination drop_after_s: expected at least lost_after_s = "
-                f"{self.lost_after_s:g}, got {self.drop_after_s!r}"
-            )
+        for name in ("hung_after_s", "drop_after_s"):
+            if not getattr(self, name) >= self.lost_after_s:
+                raise InvalidInputError(
+                    f"coordination {name}: expected at least lost_after_s = "
+                    f"{self.lost_after_s:g}, got {getattr(self, name)!r}"
+                )
         if self.lost_after_s < math.inf and not self.turns:
             raise InvalidInputError(
                 "coordination lost_after_s: expected infinite where all answer at the same moment; "

@@ -157,7 +157,7 @@ def _set_timer(state: RobotState, outgoing: list[Outgoing], *, happened: bool) -
     now_s = state.presence.now_s or 0.0
     watchful = options.lost_after_s < math.inf
     beat_s = options.lost_after_s / BEATS
-    must_beat = watchful and not state.presence.told
+    must_beat = watchful and (options.hung_after_s < math.inf or not state.presence.told)
     if state.finished and not watchful:
         return msgspec.structs.replace(state, timer_s=math.inf, wake_s=math.inf)
     asks, timer_s = (0 if happened else state.asks), state.timer_s

@@ -98,7 +98,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     @property
     def lost(self) -> frozenset[str]:
         """Teammates that count as lost."""
-        return self.presence.lost(self.setup.options.lost_after_s)
+        options = self.setup.options
+        return self.presence.lost(options.lost_after_s, options.hung_after_s)
 
     @property
     def at_rest(self) -> bool:

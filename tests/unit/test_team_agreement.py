@@ -397,6 +397,7 @@ def test_options_refuse_what_makes_no_sense():
         ({"lost_after_s": 3.9}, "lost_after_s: expected at least four times"),
         ({"lost_after_s": 4.0, "turns": False}, "lost_after_s: expected infinite"),
         ({"drop_after_s": 4.0}, "drop_after_s: expected at least lost_after_s"),
+        ({"hung_after_s": 4.0}, "hung_after_s: expected at least lost_after_s"),
     ):
         with pytest.raises(InvalidInputError, match=words):
             CoordinationOptions(**options)

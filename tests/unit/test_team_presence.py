@@ -43,6 +43,21 @@ def test_whom_the_network_sees_is_not_lost(setup):
     assert after(setup, 10.1, presence=gone, present=frozenset()).lost(LOST_S) == {"r1", "r2"}
 
 
+def test_whom_the_network_sees_is_lost_after_a_longer_silence(setup):
+    here = frozenset({"r1", "r2"})
+    presence = after(setup, 0.0, 1.5, 3.0, 4.5, 6.0, present=here)
+    assert presence.lost(LOST_S) == presence.lost(LOST_S, 6.0) == frozenset()
+    presence = after(setup, 6.1, presence=presence.hear("r2"), present=here)
+    assert presence.lost(LOST_S, 6.0) == {"r1"}
+    assert presence.lost(LOST_S) == frozenset()
+    assert presence.lost(8.0, 6.0) == frozenset()  # its path may have to wait for longer
+    gone = after(setup, 7.5, 9.0, 10.2, presence=presence, present=frozenset())
+    assert gone.lost(LOST_S, 100.0) == here  # the network itself has missed them
+    assert presence.hear("r1").lost(LOST_S, 6.0) == frozenset()
+    away = after(setup, 106.1, presence=presence.hear("r1"), present=here)
+    assert away.lost(LOST_S, 6.0) == frozenset()
+
+
 def test_robot_that_was_frozen_has_not_lost_its_teammates(setup):
     presence = after(setup, 0.0, 1.0, 101.0)
     assert presence.lost(LOST_S) == frozenset()

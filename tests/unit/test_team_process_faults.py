@@ -172,6 +172,20 @@ def test_frozen_on_any_entry(team_of, robot, entries):
     frozen(team_of, robot, entries)
 
 
+@pytest.mark.full
+@pytest.mark.parametrize(("robot", "entries"), [("ann", 1), ("bob", 2), ("dan", 3)])
+def test_hanging_while_the_network_sees_it(team_of, robot, entries):
+    others = tuple(name for name in ALL if name != robot)
+    with team_of(hung_after_s=3.0) as team:
+        team.start(*others)
+        team.start(robot, after={"what": "hang", "entries": entries, "seconds": 12.0})
+        team.until(lambda: team.said(robot, "hang"), 20.0)
+        hangs_s = team.said(robot, "hang")
+        assert team_of.took(team, hangs_s, *others, holds=ALL, lost=[robot]) < 12.0
+        team_of.took(team, hangs_s + 12.0, *ALL, holds=ALL, lost=[])
+        checked(team, *ALL)
+
+
 def parted(team_of, entries, sides=(("ann", "cid"), ("bob", "dan")), **options):
     """Parted on an entry of bob until both sides have agreed alone; then healed."""
     with team_of(**options) as team:

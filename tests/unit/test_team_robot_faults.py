@@ -1,6 +1,7 @@
 """Robots that are killed, start again, come late, freeze or are parted: one ledger in the end."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,10 +178,45 @@ def test_network_that_tells_who_is_there_needs_no_signs_of_life(together):
     assert set(team.states) == {"r0", "r1", "r2"}
 
 
+@pytest.mark.parametrize("robot", ["r0", "r1", "r3"])
+@pytest.mark.parametrize("drop", [False, True])
+def test_robot_that_hangs_is_passed_over_and_joins_again(robot, drop):
+    options = {"hung_after_s": 6.0} | ({"drop_after_s": 8.0} if drop else {})
+    problem, _, evaluator, setups = team_of(4, **options)
+    for end_s in (math.inf, 40.0):
+        fault = Fault(robot, 0.3, end_s, frozen=True, hangs=True)
+        given = {"network": delayed(problem), "tell_presence": True}
+        team = FaultyTeam(setups, (fault,), **given).run(40.0 + QUIET_S)
+        state = checked(team, evaluator)
+        back = end_s < math.inf
+        assert state.lost == (frozenset() if back else {robot})
+        assert (robot in state.ledger.paths()) == (back or not drop)
+        if not back:
+            assert team.settled_s < SETTLED_AFTER_S
+
+
+def test_robot_that_hangs_is_waited_for_where_the_network_is_believed():
+    problem, _, _, setups = team_of(4)
+    fault = Fault("r1", 0.3, frozen=True, hangs=True)
+    team = FaultyTeam(setups, (fault,), delayed(problem), tell_presence=True).run(QUIET_S)
+    assert not team.is_settled()
+    assert all(state.lost == frozenset() for state in team.states.values())
+
+
+def test_looking_for_robots_that_hang_changes_no_agreement():
+    problem, candidates, evaluator, setups = team_of(4, hung_after_s=6.0)
+    agreement = coordinate(problem, candidates, evaluator)
+    team = FaultyTeam(setups, network=delayed(problem), tell_presence=True).run(QUIET_S)
+    assert checked(team, evaluator).ledger.history == agreement.ledger.history
+
+
 def check_random(seed, *, drop):
     """A random team, random network faults, random robot faults."""
     generator = np.random.default_rng([7, seed])
     options = {"drop_after_s": 8.0} if drop else {}
+    hung = seed % 4 < 2
+    if hung:
+        options["hung_after_s"] = 6.0
     count = int(generator.integers(2, 6))
     order = "random" if seed % 3 == 0 else "fixed"
     problem, _, evaluator, setups = team_of(count, seed=seed, order=order, **options)
@@ -200,6 +236,7 @@ def check_random(seed, *, drop):
     )
     network = InProcessTransport(problem.robots, faults, generator)
     robots = random_faults(problem.robots, generator, 12.0)
+    robots = tuple(replace(fault, hangs=hung and fault.frozen) for fault in robots)
     team = FaultyTeam(setups, robots, network, tell_presence=bool(generator.integers(2)))
     ends = [fault.end_s for fault in (*robots, *parted) if fault.end_s < math.inf]
     last_s = max([12.0, *ends])

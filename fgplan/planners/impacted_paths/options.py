@@ -71,6 +71,8 @@ class ImpactedPathsOptions(CandidateOptions):
         repair_after_s: Seconds of silence after which a robot asks for what it misses.
         lost_after_s: Seconds without a sign of a robot after which the others go on without it;
             None: they wait for it in one process, and 10 s between processes.
+        hung_after_s: Seconds of silence after which a robot whom the network sees counts as lost
+            too, longer than any evaluation; None believes the network.
         drop_after_s: Seconds after which the path of a lost robot is withdrawn; None keeps it.
         time_limit_s: Seconds on the network's clock after which the team gives up.
         communication: Faults of the simulated network (or its fields by name), drawn by the run's
@@ -88,6 +90,7 @@ class ImpactedPathsOptions(CandidateOptions):
     covariances: bool = True
     repair_after_s: float = 1.0
     lost_after_s: float | None = None
+    hung_after_s: float | None = None
     drop_after_s: float | None = None
     time_limit_s: float = 3600.0
     communication: NetworkFaults | Mapping[str, Any] | None = None
@@ -110,7 +113,7 @@ class ImpactedPathsOptions(CandidateOptions):
 
         for name in ("repair_after_s", "time_limit_s"):
             check_positive(getattr(self, name), f"planner option {name}")
-        for name in ("lost_after_s", "drop_after_s"):
+        for name in ("lost_after_s", "hung_after_s", "drop_after_s"):
             if getattr(self, name) is not None:
                 check_positive(getattr(self, name), f"planner option {name}")
         if isinstance(self.communication, Mapping):
@@ -143,6 +146,7 @@ class ImpactedPathsOptions(CandidateOptions):
         return CoordinationOptions(
             repair_after_s=self.repair_after_s,
             lost_after_s=lost_after_s,
+            hung_after_s=math.inf if self.hung_after_s is None else self.hung_after_s,
             drop_after_s=math.inf if self.drop_after_s is None else self.drop_after_s,
             time_limit_s=self.time_limit_s,
             order=self.order,
