@@ -206,7 +206,7 @@ class Growth:
         criteria, numbers = setting.criteria, self.scratch.numbers
         tree.covariance[0] = self.scratch.covariance
         read_numbers(self.scratch.covariance, criteria.objective, numbers)
-        cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        cost = total_of(numbers, criteria)
         _, place = find_group(tree.slots, tree.configuration, rows)
         append_node(
             setting, self.settings, self.poses, tree, self.scratch, -1, -1, place, rows, cost

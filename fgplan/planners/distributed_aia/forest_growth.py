@@ -316,7 +316,7 @@ class ForestGrowth:
         tree.covariance[0] = self.prepared.root
         criteria, numbers = setting.criteria, self.scratch.numbers
         read_numbers(self.prepared.root, criteria.objective, numbers)
-        cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        cost = total_of(numbers, criteria)
         _, place = find_group(tree.slots, tree.configuration, tree.drawn)
         enter_node(
             setting,
