@@ -25,6 +25,7 @@ from fgplan.planners.aia.tree import (
     more_nodes,
     more_poses,
     needs_large_rows,
+    way_to,
     with_large_rows,
 )
 from fgplan.planners.aia.tree_kernels import (
@@ -180,10 +181,7 @@ class Growth:
             Poses, covariances and cost.
         """
         tree = self.tree
-        nodes = [node]
-        while tree.parent[nodes[-1]] >= 0:
-            nodes.append(int(tree.parent[nodes[-1]]))
-        nodes.reverse()
+        nodes = way_to(tree.parent, node)
         rows = tree.configuration[tree.group[nodes]].astype(np.int64)
         return TeamPath(
             poses=self.poses.pose[rows],

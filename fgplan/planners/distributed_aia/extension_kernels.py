@@ -74,7 +74,8 @@ def hear_neighbours(
 ) -> int:
     """Draw the nodes of all neighbours for extending a node; how many are linked at its time."""
     covariance, used, taken = heard.covariance, heard.node, heard.taken
-    robot, t = links.robot[r], int(forest.depth[r, node])
+    trees = forest.trees
+    robot, t = links.robot[r], int(trees.depth[r, node])
     step = t // links.period % links.linked.shape[0]
     count = 0
     for i in range(taken.shape[0]):
@@ -85,9 +86,9 @@ def hear_neighbours(
         if other < 0:
             continue
         chosen = draw_candidate(
-            forest.first_child[other],
-            forest.next_sibling[other],
-            forest.depth[other],
+            trees.first_child[other],
+            trees.next_sibling[other],
+            trees.depth[other],
             forest.uncertainty[other],
             int(forest.source[r, node, d]),
             t,
@@ -107,13 +108,13 @@ def hear_neighbours(
         ):
             continue
         for c in range(covariance.shape[1]):
-            covariance[count, c] = forest.covariance[other, chosen, c]
-        lag = t - int(forest.depth[other, chosen])
+            covariance[count, c] = trees.covariance[other, chosen, c]
+        lag = t - int(trees.depth[other, chosen])
         heard.late[count] = lag > 0 and not links.literal
         if heard.late[count]:
             predict_lag(covariance[count], setting.dynamics, t, lag)
         if lag <= CATCH_UP or links.literal:  # a robot left behind goes for nothing any more
-            taken[forest.assigned[other, chosen, 0]] = True
+            taken[trees.assigned[other, chosen, 0]] = True
         count += 1
     return count
 

@@ -162,7 +162,7 @@ class ForestGrowth:
         Args:
             row: The row.
         """
-        return int(self.forest.counts[row, NODES])
+        return int(self.forest.trees.counts[row, NODES])
 
     def is_full(self, row: int) -> bool:
         """Whether the node budget of a row that grows here is spent.
@@ -170,7 +170,7 @@ class ForestGrowth:
         Args:
             row: The row.
         """
-        return bool(self.forest.counts[row, PENDING] == FULL)
+        return bool(self.forest.trees.counts[row, PENDING] == FULL)
 
     def goal_nodes(self, row: int, born_since: int = 0) -> list[int]:
         """Goal nodes of a row that grows here, cheapest first, at most ``goals_kept``.
@@ -182,12 +182,12 @@ class ForestGrowth:
         made = slice(0, self.nodes(row))
         chosen = self.forest.is_goal[row, made] & (self.forest.born[row, made] >= born_since)
         found = np.flatnonzero(chosen)
-        order = np.argsort(self.forest.cost[row, found], kind="stable")
+        order = np.argsort(self.forest.trees.cost[row, found], kind="stable")
         return [int(node) for node in found[order][: self.options.goals_kept]]
 
     def goals_looked_at(self) -> None:
         """From now on ``run`` stops for new goal nodes only."""
-        self.forest.goals[:] = self.forest.counts[:, GOALS]
+        self.forest.goals[:] = self.forest.trees.counts[:, GOALS]
 
     def tighten(self, row: int) -> None:
         """Ask for more from now on: the replay has refused the goal nodes of a row.
@@ -218,15 +218,15 @@ class ForestGrowth:
             first: The first.
             wants: What to say of the receiver's nodes.
         """
-        forest, made = self.forest, slice(first, self.nodes(row))
+        trees, made = self.forest.trees, slice(first, self.nodes(row))
         return Nodes(
             first=first,
             wants=wants,
-            parents=forest.parent[row, made].copy(),
-            depths=forest.depth[row, made].copy(),
-            covariances=forest.covariance[row, made].copy(),
-            assigned=forest.assigned[row, made, 0].astype(np.uint16),
-            positions=forest.position[row, made].copy(),
+            parents=trees.parent[row, made].copy(),
+            depths=trees.depth[row, made].copy(),
+            covariances=trees.covariance[row, made].copy(),
+            assigned=trees.assigned[row, made, 0].astype(np.uint16),
+            positions=self.forest.position[row, made].copy(),
         )
 
     def receive(self, robot: int, nodes: Nodes) -> None:
@@ -238,9 +238,9 @@ class ForestGrowth:
                 what is here, none is entered.
         """
         row, older = self.robots.index(robot), (nodes.parents >= 0) & (nodes.parents < nodes.first)
-        here = nodes.parents[older] < self.forest.depth.shape[1]
+        here = nodes.parents[older] < self.forest.trees.depth.shape[1]
         parents, depths = nodes.parents[older][here], nodes.depths[older][here]
-        known = self.forest.depth[row, parents]
+        known = self.forest.trees.depth[row, parents]
         if ((known >= 0) & (depths != known + 1)).any():
             return
         self._room_for(nodes.first + len(nodes.parents))
@@ -263,12 +263,12 @@ class ForestGrowth:
     @property
     def shortfall(self) -> float:
         """Least shortfall of any node of a row that grows here."""
-        return float(self.forest.best[: self._own, SHORTFALL].min())
+        return float(self.forest.trees.best[: self._own, SHORTFALL].min())
 
     def closest(self) -> tuple[int, int]:
         """Row and number of the node of least shortfall."""
-        row = int(np.argmin(self.forest.best[: self._own, SHORTFALL]))
-        return row, int(self.forest.counts[row, CLOSEST])
+        row = int(np.argmin(self.forest.trees.best[: self._own, SHORTFALL]))
+        return row, int(self.forest.trees.counts[row, CLOSEST])
 
     def counted(self) -> dict[str, int]:
         """What was counted, over all rows that grow here."""
@@ -281,7 +281,7 @@ class ForestGrowth:
             "covariances_fused": FUSED,
             "measurement_models": MEASURED,
         }
-        sums = self.forest.counts[: self._own].sum(axis=0)
+        sums = self.forest.trees.counts[: self._own].sum(axis=0)
         return {name: int(sums[place]) for name, place in places.items()}
 
     def poses_to(self, row: int, nodes: Sequence[int]) -> FloatArray:
@@ -294,8 +294,8 @@ class ForestGrowth:
         Returns:
             Shape (n, 3), world frame.
         """
-        groups = self.forest.group[row, list(nodes)]
-        return np.array(self.poses.pose[self.forest.configuration[row, groups, 0]])
+        groups = self.forest.trees.group[row, list(nodes)]
+        return np.array(self.poses.pose[self.forest.trees.configuration[row, groups, 0]])
 
     def setting_until(self, time: int) -> Setting:
         """What the kernels read, with targets predicted until a time at least.
@@ -336,7 +336,7 @@ class ForestGrowth:
     def _made_room(self, ended: int) -> bool:
         """Make the room that a kernel asked for; False where it asked for none."""
         if ended == NEED_NODES:
-            self._room_for(self.forest.parent.shape[1] + 1)
+            self._room_for(self.forest.trees.parent.shape[1] + 1)
         elif ended == NEED_POSES:
             self.poses = more_poses(self.poses)
         elif ended == NEED_TIME:
@@ -360,7 +360,7 @@ class ForestGrowth:
 
     def _room_for(self, nodes: int) -> None:
         """Room for nodes up to a number, doubled where there is not enough."""
-        room = self.forest.parent.shape[1]
+        room = self.forest.trees.parent.shape[1]
         if nodes > room:
             while room < nodes:
                 room *= 2
