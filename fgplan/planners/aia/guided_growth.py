@@ -369,8 +369,7 @@ class GuidedGrowth(Growth):
         if key not in self._known:
             if self.prepared.compiled_sensors and self.problem.packed:
                 self._make_room_for_poses()
-                while 1 < len(self.prepared.setting.sight.places) <= time:
-                    self._made_room(NEED_TIME)
+                self.setting_until(time)
                 known = super()._information(np.array([row], dtype=np.int64), time)
             else:
                 known = self._robot_information(robot, self.poses.pose[row], time)
