@@ -82,7 +82,7 @@ def assert_same_forest(problem, options, graph, sweeps):
         np.testing.assert_allclose(
             forest.trees.cost[row, made], [node.cost for node in robot.nodes], **EQUAL
         )
-        poses = np.array([robot.poses[node.group] for node in robot.nodes])
+        poses = np.array([robot.groups.poses[node.group] for node in robot.nodes])
         np.testing.assert_allclose(growth.poses_to(row, range(n)), poses, rtol=0, atol=1e-9)
     counted = growth.counted()
     for name in ("fused", "measured", "rejected", "repeated", "close_calls"):
