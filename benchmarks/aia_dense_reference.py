@@ -8,11 +8,12 @@ Algorithm 1 asks for it: the ends of all controls of all robots, and whether the
 one vectorised test. It draws the same random numbers as the planner.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
+from dense_groups import DenseGroups
+from dense_world import DenseWorld
 
 
 @dataclass
@@ -28,40 +29,21 @@ class Node:
     children: set = field(default_factory=set)
 
 
-@dataclass
-class DenseReference:
+@dataclass(eq=False, kw_only=True)
+class DenseReference(DenseWorld):
     """The whole problem and the tree.
 
-    ``relative`` (U, 3) and ``body`` say the controls, ``distance`` (F, cells) and ``frame`` the
-    geodesic fields, ``field_of`` (T, M) which one is a target's at a time, ``places`` (T, M, 2) the
-    predicted targets (one row if they stay), ``process`` (M, 2, 2); ``are_free(a, b)`` tests ways
-    between rows of points, ``is_seen(a, b)`` one line of sight. ``every_row`` stacks a row for
-    every robot and target, as (3) prints it, those that measure nothing as zeros; otherwise only
-    rows of what is seen are kept. ``information_form`` adds H' R^-1 H to the inverse covariance, as
-    the distributed filter does, and solves for no gain. ``one_by_one`` treats one robot after the
-    other, as Algorithm 1 of Tzes et al. 2021 must; otherwise all are treated in one vectorised go.
+    Beside the world: ``starts`` (N, 3), ``process`` (M, 2, 2), the ``prior`` of every target and
+    the limit ``delta`` of its determinant. ``information_form`` adds H' R^-1 H to the inverse
+    covariance, as the distributed filter does, and solves for no gain. ``one_by_one`` treats one
+    robot after the other, as Algorithm 1 of Tzes et al. 2021 must; otherwise all are treated in one
+    vectorised go.
     """
 
     starts: np.ndarray
-    relative: np.ndarray
-    waypoints: np.ndarray
-    body: bool
-    places: np.ndarray
     process: np.ndarray
     prior: np.ndarray
     delta: float
-    distance: np.ndarray
-    frame: np.ndarray
-    field_of: np.ndarray
-    are_free: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    is_seen: Callable[[np.ndarray, np.ndarray], bool]
-    range_m: float = 2.0
-    slope: float = 0.25
-    floor_m: float = 0.01
-    near_m: float = 0.3
-    p_group: float = 0.9
-    p_control: float = 0.9
-    every_row: bool = False
     information_form: bool = False
     one_by_one: bool = False
 
@@ -74,15 +56,8 @@ class DenseReference:
             self.process_covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.process[i]
         self.transition = np.eye(2 * targets)
         self.block = np.arange(targets)
-        self.seen_of: dict = {}
         self.nodes: list[Node] = []
-        self.groups: dict = {}
-        self.members: list[list[int]] = []
-        self.poses: list[np.ndarray] = []
-        self.keys: list[tuple] = []
-        self.stamp: list[int] = []
-        self.deepest: list[int] = []
-        self.depth = 0
+        self.groups = DenseGroups()
         self.best = np.inf
         self.iterations = 0
         self.seconds: dict[str, float] = {}
@@ -95,14 +70,14 @@ class DenseReference:
         """Lines 2 to 17, until the iterations are spent or, if asked, a plan is feasible."""
         for _ in range(iterations):
             self.iterations += 1
-            k = self._draw_group(generator)
+            k = self.groups.draw(generator, self.p_group, uniform=False)
             begun = perf_counter()
             drawn = self._draw_controls(k, generator)
             self._spent("drawing controls", begun)
             if drawn is None:
                 continue
             key = self._key(drawn)
-            for index in list(self.members[k]):
+            for index in list(self.groups.members[k]):
                 self._extend(index, drawn, key)
             if stop and np.isfinite(self.best):
                 return
@@ -124,48 +99,9 @@ class DenseReference:
         blocks = covariance.reshape(len(self.block), 2, len(self.block), 2)
         return np.linalg.det(blocks[self.block, :, self.block, :])
 
-    def _cells(self, points: np.ndarray) -> np.ndarray:
-        """Geodesic cell of points of shape (..., 2)."""
-        x0, y0, side, columns, rows = self.frame
-        column = np.clip(np.floor((points[..., 0] - x0) / side), 0, columns - 1)
-        row = np.clip(np.floor((points[..., 1] - y0) / side), 0, rows - 1)
-        return (row * columns + column).astype(np.int64)
-
-    def _at(self, series: np.ndarray, time: int) -> np.ndarray:
-        """Entry of a series at a time; the last one for ever."""
-        return series[min(time, len(series) - 1)]
-
-    def _draw_group(self, generator: np.random.Generator) -> int:
-        """Equation (8)."""
-        biased = generator.random() < self.p_group
-        if biased or len(self.members) == len(self.deepest):
-            return self.deepest[int(generator.random() * len(self.deepest))]
-        while True:
-            k = int(generator.random() * len(self.members))
-            if self.stamp[k] != self.depth:
-                return k
-
-    def _successors(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ends (N, U, 3) of all controls and whether their ways are free (N, U)."""
-        cos, sin = np.ones(len(poses)), np.zeros(len(poses))
-        if self.body:
-            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-        ends = np.empty((len(poses), len(self.relative), 3))
-        ends[..., :2] = poses[:, None, :2] + np.einsum("nij,uj->nui", turn, self.relative[:, :2])
-        ends[..., 2] = poses[:, None, 2] + self.relative[:, 2]
-        ends[..., 2] -= 2 * np.pi * (ends[..., 2] > np.pi)
-        ends[..., 2] += 2 * np.pi * (ends[..., 2] <= -np.pi)
-        ways = poses[:, None, None, :2] + np.einsum("nij,uwj->nuwi", turn, self.waypoints)
-        before = np.empty_like(ways)
-        before[:, :, 0] = poses[:, None, :2]
-        before[:, :, 1:] = ways[:, :, :-1]
-        free = self.are_free(before.reshape(-1, 2), ways.reshape(-1, 2))
-        return ends, free.reshape(ways.shape[:3]).all(axis=2)
-
     def _draw_controls(self, k: int, generator: np.random.Generator) -> np.ndarray | None:
         """Equation (9), from the controls that are free."""
-        node, poses = self.nodes[self.members[k][-1]], self.poses[k]
+        node, poses = self.nodes[self.groups.members[k][-1]], self.groups.poses[k]
         numbers, time = generator.random(len(poses)), node.depth + 1
         if not self.one_by_one:
             return self._drawn(poses, node.assigned, time, numbers)
@@ -182,19 +118,12 @@ class DenseReference:
         self, poses: np.ndarray, assigned: np.ndarray, time: int, numbers: np.ndarray
     ) -> np.ndarray | None:
         """Equation (9) for some robots, all at once; None where one has no free control."""
-        ends, free = self._successors(poses)
-        fields = self._at(self.field_of, time)[assigned]
-        distance = self.distance[fields[:, None], self._cells(ends[..., :2])]
-        if self.body:  # a thousandth counts where the heading would lead
-            reach = float(np.linalg.norm(self.waypoints, axis=-1).max())
-            heading = np.stack([np.cos(ends[..., 2]), np.sin(ends[..., 2])], axis=-1)
-            ahead = self.distance[fields[:, None], self._cells(ends[..., :2] + reach * heading)]
-            distance = distance.astype(np.float64)
-            distance = distance + 1e-3 * np.minimum(ahead, distance + 2.0 * reach)
+        ends, free = self.successors(poses)
+        distance = self.distances(self.at(self.field_of, time)[assigned][:, None], ends)
         distance = np.where(free, distance, np.inf)
         best = distance.argmin(axis=1)
         robots = np.arange(len(poses))
-        offset = ends[robots, best, :2] - self._at(self.places, time)[assigned]
+        offset = ends[robots, best, :2] - self.at(self.places, time)[assigned]
         far = (offset**2).sum(axis=1) > self.near_m**2
         far &= np.isfinite(distance[robots, best])
         take = far & (numbers < self.p_control)
@@ -216,28 +145,10 @@ class DenseReference:
 
     def _rows_of(self, poses: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
         """Those of some robots."""
-        places = self._at(self.places, time)
-        offset = places[None] - poses[:, None, :2]
-        length = np.sqrt((offset**2).sum(axis=-1))
-        near = (length <= self.range_m) & (length > 1e-9)
-        for j, i in zip(*np.nonzero(near), strict=True):
-            key = (*poses[j, :2].tolist(), *places[i].tolist())
-            seen = self.seen_of.get(key)
-            if seen is None:
-                seen = self.seen_of[key] = self.is_seen(poses[j, :2], places[i])
-            near[j, i] = seen
-        robot, target = np.nonzero(near)
-        row, count = np.arange(len(robot)), len(robot)
-        if self.every_row:
-            row, count = robot * len(places) + target, near.size
-        rows = np.zeros((count, 2 * len(places)))
-        unit = offset[robot, target] / length[robot, target, None]
-        rows[row, 2 * target] = unit[:, 0]
-        rows[row, 2 * target + 1] = unit[:, 1]
-        noise = np.maximum(self.floor_m, self.slope * length[robot, target]) ** 2
+        rows, row, noise = self.measurements(poses, time)
         if not self.every_row:
             return rows, noise
-        every = np.ones(count)
+        every = np.ones(len(rows))
         every[row] = noise
         return rows, every
 
@@ -248,7 +159,7 @@ class DenseReference:
             return
         node.children.add(key)
         begun = perf_counter()
-        rows, noise = self._rows(self.poses[node.group], node.depth)
+        rows, noise = self._rows(self.groups.poses[node.group], node.depth)
         begun = self._spent("measurement rows", begun)
         covariance = node.covariance
         if self.information_form:
@@ -274,18 +185,7 @@ class DenseReference:
         dets: np.ndarray,
     ) -> None:
         """Insert a node into tree and group, test the goal, assign targets."""
-        k = self.groups.get(key)
-        if k is None:
-            k = self.groups[key] = len(self.members)
-            self.members.append([])
-            self.poses.append(poses)
-            self.stamp.append(-1)
-        if depth > self.depth:
-            self.depth = depth
-            self.deepest = []
-        if depth == self.depth and self.stamp[k] != depth:
-            self.stamp[k] = depth
-            self.deepest.append(k)
+        k = self.groups.enter(len(self.nodes), key, poses, depth)
         satisfied = dets <= self.delta
         if satisfied.all():
             self.best = min(self.best, cost)
@@ -293,7 +193,6 @@ class DenseReference:
         begun = perf_counter()
         assigned = self._assign(poses, depth, satisfied, before)
         self._spent("assignment", begun)
-        self.members[k].append(len(self.nodes))
         self.nodes.append(Node(parent, k, depth, cost, covariance, assigned))
 
     def _assign(
@@ -316,8 +215,8 @@ class DenseReference:
         again = unsatisfied if unsatisfied.any() else np.ones(targets, dtype=bool)
         if not available.any():
             available = again.copy()
-        cells = self._cells(poses[:, :2])
-        fields = self._at(self.field_of, time)
+        cells = self.cells(poses[:, :2])
+        fields = self.at(self.field_of, time)
         for j in choosing:
             if not available.any():
                 available = again.copy()

@@ -18,15 +18,15 @@ planner's own headers.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from dense_groups import DenseGroups
+from dense_world import DenseWorld
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 CATCH_UP = 8
-MOST_TRIES = 64
 CLOSE = 1e-9
 """Log-determinants of two recipes so near to each other are ordered by rounding: a close call."""
 
@@ -70,61 +70,30 @@ class Node:
         return inverse(self.covariance)
 
 
-@dataclass(eq=False)
-class World:
+@dataclass(eq=False, kw_only=True)
+class World(DenseWorld):
     """What all robots know.
 
-    ``relative`` (U, 3), ``waypoints`` (U, W, 2) and ``body`` say the controls, ``places``
-    (T, M, 2) the predicted targets (one row if they stay), ``transition`` and ``process``
-    (2M, 2M) their dynamics, ``delta`` (M,) the limits, ``distance`` (F, cells) and ``frame`` the
-    geodesic fields, ``field_of`` (T, M) which one is a target's at a time. ``linked`` (T, N, N) is
-    the schedule of links, each set for ``period`` steps. ``every_row`` stacks a row for every
-    target, as (3) prints it: of those that are not seen, noise is infinite and the weight zero.
+    Beside what both references know: ``transition`` and ``process`` (2M, 2M) of the targets, the
+    joint ``prior``, ``delta`` (M,) their limits. ``linked`` (T, N, N) is the schedule of links,
+    each set for ``period`` steps. What is not seen has infinite noise, and a row of zero weight.
     """
 
-    relative: np.ndarray
-    waypoints: np.ndarray
-    body: bool
-    places: np.ndarray
     transition: np.ndarray
     process: np.ndarray
     prior: np.ndarray
     delta: np.ndarray
-    distance: np.ndarray
-    frame: np.ndarray
-    field_of: np.ndarray
-    are_free: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    is_seen: Callable[[np.ndarray, np.ndarray], bool]
     linked: np.ndarray
     period: int = 1
     link_range_m: float = np.inf
-    range_m: float = 2.0
-    slope: float = 0.25
-    floor_m: float = 0.01
-    near_m: float = 0.3
-    p_group: float = 0.9
-    p_control: float = 0.9
     p_candidate: float = 0.9
     kappa: float = 0.9
     one_node: bool = False
     literal: bool = False
     reject_jointly: bool = False
     uniform_after_goal: bool = False
-    every_row: bool = False
-    seen_of: dict = field(default_factory=dict)
     recipes: dict = field(default_factory=dict)
     uncertainty_of: dict = field(default_factory=dict)
-
-    def at(self, series: np.ndarray, time: int) -> np.ndarray:
-        """Entry of a series at a time; the last one for ever."""
-        return series[min(time, len(series) - 1)]
-
-    def cells(self, points: np.ndarray) -> np.ndarray:
-        """Geodesic cell of points of shape (..., 2)."""
-        x0, y0, side, columns, rows = self.frame
-        column = np.clip(np.floor((points[..., 0] - x0) / side), 0, columns - 1)
-        row = np.clip(np.floor((points[..., 1] - y0) / side), 0, rows - 1)
-        return (row * columns + column).astype(np.int64)
 
     def dets(self, covariance: np.ndarray) -> np.ndarray:
         """Determinant of every target's block."""
@@ -159,25 +128,9 @@ class World:
 
     def rows(self, pose: np.ndarray, time: int) -> tuple[np.ndarray, np.ndarray]:
         """H and the diagonal of R^-1 of one robot's measurements at a time."""
-        places = self.at(self.places, time)
-        offset = places - pose[:2]
-        length = np.sqrt((offset**2).sum(axis=-1))
-        near = (length <= self.range_m) & (length > 1e-9)
-        x, y = pose[:2].tolist()
-        for k in near.nonzero()[0]:
-            key = (x, y, *places[k].tolist())
-            seen = self.seen_of.get(key)
-            if seen is None:
-                seen = self.seen_of[key] = self.is_seen(pose[:2], places[k])
-            near[k] = seen
-        (target,) = near.nonzero()
-        row, count = np.arange(len(target)), len(target)
-        if self.every_row:
-            row, count = target, len(places)
-        rows, weight = np.zeros((count, 2 * len(places))), np.zeros(count)
-        length = length[target]
-        rows[row[:, None], 2 * target[:, None] + (0, 1)] = offset[target] / length[:, None]
-        weight[row] = 1.0 / np.maximum(self.floor_m, self.slope * length) ** 2
+        rows, row, noise = self.measurements(pose, time)
+        weight = np.zeros(len(rows))
+        weight[row] = 1.0 / noise
         return rows, weight
 
 
@@ -194,14 +147,9 @@ class RobotTree:
     def plant(self) -> None:
         """Line 1: the root."""
         self.nodes: list[Node] = []
-        self.groups: dict = {}
-        self.members: list[list[int]] = []
-        self.poses: list[np.ndarray] = []
-        self.keys: list[tuple] = []
-        self.stamp: list[int] = []
-        self.deepest: list[int] = []
+        self.groups = DenseGroups()
         self.goals: list[int] = []
-        self.depth = self.known = self.close_calls = 0
+        self.known = self.close_calls = 0
         self.fused = self.measured = self.rejected = self.repeated = 0
         self.recipes: dict = {}
         key, sources = self._key(self.start), (-1,) * len(self.neighbours)
@@ -211,12 +159,12 @@ class RobotTree:
         """Lines 2 to 17, once."""
         world = self.world
         uniform = world.uniform_after_goal and bool(self.goals)
-        k = self._draw_group(uniform)
+        k = self.groups.draw(self.generator, world.p_group, uniform=uniform)
         pose = self._draw_control(k, uniform)
         if pose is None:
             self.rejected += 1
             return
-        chosen = list(self.members[k])
+        chosen = list(self.groups.members[k])
         if world.one_node:
             last = self.generator.random() < world.p_group
             place = len(chosen) - 1 if last else int(self.generator.random() * len(chosen))
@@ -225,43 +173,13 @@ class RobotTree:
         for index in chosen:
             self._extend(index, pose, key)
 
-    def _draw_group(self, uniform: bool) -> int:
-        """Equation (8)."""
-        random, groups, deep = self.generator.random, len(self.members), len(self.deepest)
-        if uniform:
-            return int(random() * groups)
-        biased = random() < self.world.p_group
-        if biased or groups == deep:
-            return self.deepest[int(random() * deep)]
-        for _ in range(MOST_TRIES):
-            k = int(random() * groups)
-            if self.stamp[k] != self.depth:
-                return k
-        others = [k for k in range(groups) if self.stamp[k] != self.depth]
-        return others[int(random() * len(others))]
-
-    def _successors(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ends (U, 3) of all controls and whether their ways are free (U,)."""
-        world = self.world
-        cos, sin = (np.cos(pose[2]), np.sin(pose[2])) if world.body else (1.0, 0.0)
-        turn = np.array([[cos, -sin], [sin, cos]])
-        ends = np.empty((len(world.relative), 3))
-        ends[:, :2] = pose[:2] + world.relative[:, :2] @ turn.T
-        ends[:, 2] = pose[2] + world.relative[:, 2]
-        ends[:, 2] -= 2 * np.pi * (ends[:, 2] > np.pi)
-        ends[:, 2] += 2 * np.pi * (ends[:, 2] <= -np.pi)
-        ways = pose[:2] + world.waypoints @ turn.T
-        before = np.empty_like(ways)
-        before[:, 0] = pose[:2]
-        before[:, 1:] = ways[:, :-1]
-        free = world.are_free(before.reshape(-1, 2), ways.reshape(-1, 2))
-        return ends, free.reshape(ways.shape[:2]).all(axis=1)
-
     def _draw_control(self, k: int, uniform: bool) -> np.ndarray | None:
         """Equation (9); None where the draw is not free."""
-        world, pose = self.world, self.poses[k]
-        ends, free = self._successors(pose)
-        best = -1 if uniform else self._preferred(self.nodes[self.members[k][-1]], ends, free)
+        world, pose = self.world, self.groups.poses[k]
+        ends, free = world.successors(pose)
+        best = (
+            -1 if uniform else self._preferred(self.nodes[self.groups.members[k][-1]], ends, free)
+        )
         number = self.generator.random()
         if best >= 0:
             if number < world.p_control:
@@ -276,13 +194,7 @@ class RobotTree:
     def _preferred(self, node: Node, ends: np.ndarray, free: np.ndarray) -> int:
         """u* of (9) towards the node's target; -1 where controls are drawn uniformly."""
         world, t = self.world, node.depth + 1
-        to_cell = world.distance[world.at(world.field_of, t)[node.assigned]]
-        distance = to_cell[world.cells(ends[:, :2])].astype(np.float64)
-        if world.body:  # a thousandth counts where the heading would lead
-            reach = float(np.linalg.norm(world.waypoints, axis=-1).max())
-            heading = np.stack([np.cos(ends[:, 2]), np.sin(ends[:, 2])], axis=-1)
-            ahead = to_cell[world.cells(ends[:, :2] + reach * heading)]
-            distance = distance + 1e-3 * np.minimum(ahead, distance + 2.0 * reach)
+        distance = world.distances(world.at(world.field_of, t)[node.assigned], ends)
         distance = np.where(free, distance, np.inf)
         best = int(distance.argmin())
         offset = ends[best, :2] - world.at(world.places, t)[node.assigned]
@@ -292,7 +204,7 @@ class RobotTree:
     def _extend(self, index: int, pose: np.ndarray, key: tuple) -> None:
         """Section III-A2 for one node."""
         world, node = self.world, self.nodes[index]
-        here, t = self.poses[node.group], node.depth
+        here, t = self.groups.poses[node.group], node.depth
         sources, fused, late, taken = [], [(node.information, node.dets)], [False], set()
         recipe = [node.recipe]
         links = world.linked[t // world.period % len(world.linked), self.index]
@@ -302,7 +214,7 @@ class RobotTree:
             if number < 0 or not links[other.index]:
                 continue
             found = other.nodes[number]
-            if math.dist(other.poses[found.group][:2], here[:2]) > world.link_range_m:
+            if math.dist(other.groups.poses[found.group][:2], here[:2]) > world.link_range_m:
                 continue
             lag = 0 if world.literal else t - found.depth
             fused.append(world.forward(found, lag))
@@ -322,7 +234,7 @@ class RobotTree:
         used = self._pool(omega, fused, late)
         recipe = [one for one, is_used in zip(recipe, used, strict=True) if is_used]
         covariance = world.predict_inverse(omega)
-        looked = (self.index, self.keys[node.group]) if weight.any() else None
+        looked = (self.index, self.groups.keys[node.group]) if weight.any() else None
         number = world.recipes.setdefault((t, looked, *recipe), len(world.recipes) + 1)
         self._append(index, pose, key, t + 1, covariance, tuple(sources), taken, number)
 
@@ -400,19 +312,7 @@ class RobotTree:
     ) -> None:
         """Insert a node into tree and group, test the goal, assign a target."""
         number = len(self.nodes)
-        k = self.groups.get(key)
-        if k is None:
-            k = self.groups[key] = len(self.members)
-            self.members.append([])
-            self.poses.append(pose)
-            self.keys.append(key)
-            self.stamp.append(-1)
-        self.members[k].append(number)
-        if depth > self.depth:
-            self.depth, self.deepest = depth, []
-        if depth == self.depth and self.stamp[k] != depth:
-            self.stamp[k] = depth
-            self.deepest.append(k)
+        k = self.groups.enter(number, key, pose, depth)
         dets = self.world.dets(covariance)
         satisfied = dets <= self.world.delta
         if satisfied.all():
@@ -421,7 +321,7 @@ class RobotTree:
         if parent >= 0:
             cost, inherited = self.nodes[parent].cost, self.nodes[parent].assigned
             self.nodes[parent].children.append(number)
-        assigned = self._assign(self.poses[k], depth, satisfied, inherited, taken)
+        assigned = self._assign(self.groups.poses[k], depth, satisfied, inherited, taken)
         cost += float(dets.sum())
         self.nodes.append(Node(parent, k, depth, cost, covariance, dets, assigned, sources, recipe))
 

@@ -9,6 +9,7 @@ costs come near Table I: a calibration, no confirmation. Targets that move do so
 step in a straight line, with Q = 1e-6 I.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -110,30 +111,56 @@ def kantaros_scene(
         raise InvalidInputError(f"scene: expected 1 to {len(lattice)} robots, got {robots}")
     chosen = generator.permutation(len(lattice))[:robots]
     primitives = controls(dynamics)
-    sensor = ProportionalRangeSensor(max_range_m=SENSING_RANGE_M)
     world = kantaros_world()
     means = draw_targets(world, targets, generator)
-    drifts = np.zeros((targets, 2))
-    if moving:
-        drifts = draw_drifts(means, generator)
+    return scene_of(
+        world,
+        [np.array([*lattice[point], 0.0]) for point in chosen],
+        primitives,
+        SENSING_RANGE_M,
+        means,
+        draw_drifts(means, generator) if moving else None,
+        delta,
+    )
+
+
+def scene_of(
+    world: Workspace,
+    starts: Sequence[FloatArray],
+    primitives: MotionPrimitives,
+    range_m: float,
+    means: FloatArray,
+    drifts: FloatArray | None,
+    delta: float,
+) -> AcquisitionProblem:
+    """A problem of robots of one kind and targets that are all known alike.
+
+    Args:
+        world: The world.
+        starts: Pose of each robot, shape (3,), world frame.
+        primitives: Controls of every robot.
+        range_m: Of every sensor, metres.
+        means: Shape (M, 2), metres.
+        drifts: Velocities of targets that move, shape (M, 2), metres a step; None if they stay.
+        delta: Limit of each target's determinant.
+
+    Returns:
+        The problem: robots r0, r1, ... and targets t0, t1, ...
+    """
+    sensor = ProportionalRangeSensor(max_range_m=range_m)
     return AcquisitionProblem(
         workspace=world,
         robots=tuple(
-            SensingRobot(
-                name=f"r{j}",
-                pose=np.array([*lattice[point], 0.0]),
-                primitives=primitives,
-                sensors=(sensor,),
-            )
-            for j, point in enumerate(chosen)
+            SensingRobot(name=f"r{j}", pose=start, primitives=primitives, sensors=(sensor,))
+            for j, start in enumerate(starts)
         ),
         hidden=independent_targets(
-            [f"t{i}" for i in range(targets)],
-            drifts,
-            (MOVING_PROCESS if moving else 0.0) * np.eye(2),
+            [f"t{i}" for i in range(len(means))],
+            np.zeros(means.shape) if drifts is None else drifts,
+            (0.0 if drifts is None else MOVING_PROCESS) * np.eye(2),
         ),
         mean=means.ravel(),
-        priors=(PRIOR_VARIANCE * np.eye(2),) * targets,
+        priors=(PRIOR_VARIANCE * np.eye(2),) * len(means),
         terminal=TerminalConstraint(limit=delta),
     )
 

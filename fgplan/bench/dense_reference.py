@@ -3,7 +3,7 @@
 They share the geodesic fields and the tests of ways and sight with the planners, nothing else.
 """
 
-import importlib.util
+import importlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -147,11 +147,8 @@ def _module(name: str) -> ModuleType:
         raise InvalidInputError(
             f"dense reference: expected it at {path}; run this from a checkout of the repository"
         )
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    sys.path.insert(0, str(_FOLDER))  # what the references share stands beside them
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(_FOLDER))

@@ -11,8 +11,6 @@ import numpy as np
 
 from fgplan.bench.aia_scene import (
     DELTA,
-    MOVING_PROCESS,
-    PRIOR_VARIANCE,
     STEP_M,
     TARGET_CLEARANCE_M,
     DynamicsName,
@@ -20,12 +18,11 @@ from fgplan.bench.aia_scene import (
     draw_drifts,
     draw_targets,
     kantaros_world,
+    scene_of,
 )
 from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
-from fgplan.models.hidden_state import independent_targets
-from fgplan.models.proportional_range import ProportionalRangeSensor
-from fgplan.planners.aia.problem import AcquisitionProblem, SensingRobot, TerminalConstraint
+from fgplan.planners.aia.problem import AcquisitionProblem
 
 SENSING_RANGE_M = 1.0
 START_CLEARANCE_M = 0.15
@@ -65,29 +62,20 @@ def tzes_scene(
         if count < 1:
             raise InvalidInputError(f"scene: expected at least one of {name}, got {count}")
     primitives = controls(dynamics, check_positive(step_m, "scene: step_m"))
-    sensor = ProportionalRangeSensor(max_range_m=check_positive(range_m, "scene: range_m"))
+    range_m = check_positive(range_m, "scene: range_m")
     world = kantaros_world()
     starts = draw_targets(world, robots, generator, START_CLEARANCE_M)
     quarters = generator.integers(-1, 3, robots) if primitives.frame == "body" else [0] * robots
     means = draw_targets(world, targets, generator, TARGET_CLEARANCE_M)
-    drifts = draw_drifts(means, generator) if moving else np.zeros((targets, 2))
-    return AcquisitionProblem(
-        workspace=world,
-        robots=tuple(
-            SensingRobot(
-                name=f"r{j}",
-                pose=np.array([*start, 0.5 * np.pi * quarter]),
-                primitives=primitives,
-                sensors=(sensor,),
-            )
-            for j, (start, quarter) in enumerate(zip(starts, quarters, strict=True))
-        ),
-        hidden=independent_targets(
-            [f"t{i}" for i in range(targets)],
-            drifts,
-            (MOVING_PROCESS if moving else 0.0) * np.eye(2),
-        ),
-        mean=means.ravel(),
-        priors=(PRIOR_VARIANCE * np.eye(2),) * targets,
-        terminal=TerminalConstraint(limit=delta),
+    return scene_of(
+        world,
+        [
+            np.array([*start, 0.5 * np.pi * quarter])
+            for start, quarter in zip(starts, quarters, strict=True)
+        ],
+        primitives,
+        range_m,
+        means,
+        draw_drifts(means, generator) if moving else None,
+        delta,
     )

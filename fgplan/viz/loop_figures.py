@@ -7,7 +7,7 @@ extent, and a robot has one colour in all of them.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -97,13 +97,9 @@ def session_candidates_figure(
     session = _session(history, place)
     return candidate_paths_figure(
         session.candidates,
-        workspace=workspace,
-        goals=history.goals,
         current_goals=session.goal_numbers,
         landmarks=session.estimate.landmarks,
-        true_landmarks=true_landmarks(history),
-        team=history.robots,
-        extent=loop_extent(history, workspace),
+        **_map_of(history, workspace),
         title=f"Session {session.session} at {session.time_s:g} s: candidate paths",
     )
 
@@ -133,13 +129,9 @@ def session_chosen_figure(
             for robot, each in session.covariances.items()
         },
         joined=session.joined,
-        landmarks=session.estimate.landmarks,
-        workspace=workspace,
-        goals=history.goals,
         current_goals=session.goal_numbers,
-        true_landmarks=true_landmarks(history),
-        team=history.robots,
-        extent=loop_extent(history, workspace),
+        landmarks=session.estimate.landmarks,
+        **_map_of(history, workspace),
         title=f"Session {session.session} at {session.time_s:g} s: chosen paths",
     )
 
@@ -173,12 +165,8 @@ def session_slam_figure(
     return slam_result_figure(
         result,
         truth={robot: each[until] for robot, each in tracks.true_positions.items()},
-        true_landmarks=true_landmarks(history),
         sightings=sightings(history, result, session.step + 1, result.step),
-        goals=history.goals,
-        workspace=workspace,
-        team=history.robots,
-        extent=loop_extent(history, workspace),
+        **_map_of(history, workspace),
         title=f"SLAM after session {session.session}, step {result.step}",
     )
 
@@ -204,11 +192,7 @@ def final_slam_figure(history: LoopHistory, workspace: Workspace | None = None) 
     return slam_result_figure(
         history.final,
         truth=loop_tracks(history).true_positions,
-        true_landmarks=true_landmarks(history),
-        goals=history.goals,
-        workspace=workspace,
-        team=history.robots,
-        extent=loop_extent(history, workspace),
+        **_map_of(history, workspace),
         title=f"{history.name}: SLAM at the end, step {history.final.step}",
     )
 
@@ -278,6 +262,17 @@ def _timed(history: LoopHistory) -> tuple[tuple[str, ...], list[SessionRecord]]:
     names = tuple(dict.fromkeys(name for one in history.sessions for name in one.runs))
     full = [one for one in history.sessions if names and all(name in one.runs for name in names)]
     return names, full
+
+
+def _map_of(history: LoopHistory, workspace: Workspace | None) -> dict[str, Any]:
+    """What all maps of a loop show alike."""
+    return {
+        "workspace": workspace,
+        "goals": history.goals,
+        "true_landmarks": true_landmarks(history),
+        "team": history.robots,
+        "extent": loop_extent(history, workspace),
+    }
 
 
 def _session(history: LoopHistory, place: int) -> SessionRecord:

@@ -7,8 +7,8 @@ from fgplan.bench.dense_reference import centralised_reference, distributed_refe
 from fgplan.bench.distributed_aia_scene import tzes_scene
 from fgplan.planners.aia.growth_choice import make_growth
 from fgplan.planners.aia.options import tree_options
+from fgplan.planners.aia.tree import way_to
 from fgplan.planners.distributed_aia.extraction import replay
-from fgplan.planners.distributed_aia.forest import way_to
 from fgplan.planners.distributed_aia.forest_growth import ForestGrowth
 from fgplan.planners.distributed_aia.options import distributed_options
 from fgplan.riccati.block_diagonal import riccati_map_blocks
@@ -65,22 +65,24 @@ def assert_same_forest(problem, options, graph, sweeps):
         made = slice(0, n)
         parents = [node.parent for node in robot.nodes]
         sources = [node.sources for node in robot.nodes]
-        assert forest.parent[row, made].tolist() == parents
+        assert forest.trees.parent[row, made].tolist() == parents
         assert [tuple(one) for one in forest.source[row, made, :degree].tolist()] == sources
         assert (forest.source[row, made, degree:] == -1).all()
-        assert forest.assigned[row, made, 0].tolist() == [node.assigned for node in robot.nodes]
+        assert forest.trees.assigned[row, made, 0].tolist() == [
+            node.assigned for node in robot.nodes
+        ]
         assert np.flatnonzero(forest.is_goal[row, made]).tolist() == robot.goals
         dense = np.array([node.covariance for node in robot.nodes])
         dense = dense.reshape(n, targets, 2, targets, 2)
         inside = dense[:, blocks, :, blocks, :].transpose(1, 0, 2, 3)
-        rows = forest.covariance[row, made].reshape(n, targets, 3)
+        rows = forest.trees.covariance[row, made].reshape(n, targets, 3)
         assert np.abs(inside[..., [0, 0, 1], [0, 1, 1]] - rows).max() < 1e-10
         dense[:, blocks, :, blocks, :] = 0.0
         assert np.abs(dense).max() < 1e-10
         np.testing.assert_allclose(
-            forest.cost[row, made], [node.cost for node in robot.nodes], **EQUAL
+            forest.trees.cost[row, made], [node.cost for node in robot.nodes], **EQUAL
         )
-        poses = np.array([robot.poses[node.group] for node in robot.nodes])
+        poses = np.array([robot.groups.poses[node.group] for node in robot.nodes])
         np.testing.assert_allclose(growth.poses_to(row, range(n)), poses, rtol=0, atol=1e-9)
     counted = growth.counted()
     for name in ("fused", "measured", "rejected", "repeated", "close_calls"):
@@ -254,18 +256,18 @@ def test_a_robot_without_neighbours_is_the_riccati_core_along_its_path(moving):
     options = distributed_options("reproduction", **LONG)
     growth = grown(problem, options, graph_of("none", problem), 60)
     for row in range(2):
-        last = int(np.argmax(growth.forest.depth[row, : growth.nodes(row)]))
-        nodes = way_to(growth.forest.parent[row], last)
+        last = int(np.argmax(growth.forest.trees.depth[row, : growth.nodes(row)]))
+        nodes = way_to(growth.forest.trees.parent[row], last)
         assert len(nodes) > 20
         plain, cost = np.array(problem.priors), 0.0
         for t, (node, pose) in enumerate(zip(nodes, growth.poses_to(row, nodes), strict=True)):
-            found = matrices(growth.forest.covariance[row, node])
+            found = matrices(growth.forest.trees.covariance[row, node])
             np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)
             cost += np.linalg.det(plain).sum()
             transition, process = dynamics_of(problem, t)
             own = one_information(problem, problem.robots[row], pose, t)
             plain = riccati_map_blocks(plain, own, transition, process)
-        assert growth.forest.cost[row, last] == pytest.approx(cost, rel=1e-9)
+        assert growth.forest.trees.cost[row, last] == pytest.approx(cost, rel=1e-9)
 
 
 class Origins:
@@ -280,17 +282,17 @@ class Origins:
         growth, forest = self.growth, self.growth.forest
         if (row, node) in self.known:
             return self.known[row, node]
-        parent = int(forest.parent[row, node])
+        parent = int(forest.trees.parent[row, node])
         found, lags = {}, False
         if parent >= 0:
-            t, robot = int(forest.depth[row, parent]), growth.robots[row]
+            t, robot = int(forest.trees.depth[row, parent]), growth.robots[row]
             pose = growth.poses_to(row, [parent])[0]
             found[t, robot, *pose.round(6).tolist()] = pose
             uses = [(row, parent)]
             for d, other in enumerate(growth.graph.ever(robot)):
                 source = int(forest.source[row, node, d])
                 uses.append((other, source))
-                lags |= int(forest.depth[other, source]) < t
+                lags |= int(forest.trees.depth[other, source]) < t
             for use in uses:
                 more, lagged = self.of(*use)
                 found = more | found
@@ -318,13 +320,13 @@ def test_a_tree_never_knows_more_than_the_centralised_filter(empty_set, moving):
             if lags and empty_set == "literal":
                 continue
             plain = np.array(problem.priors)
-            for t in range(int(growth.forest.depth[row, node])):
+            for t in range(int(growth.forest.trees.depth[row, node])):
                 total = np.zeros((3, 2, 2))
                 for (time, robot, *_), pose in measured.items():
                     if time == t:
                         total += one_information(problem, problem.robots[robot], pose, t)
                 plain = riccati_map_blocks(plain, total, *dynamics_of(problem, t))
-            assert_not_more_certain(matrices(growth.forest.covariance[row, node]), plain)
+            assert_not_more_certain(matrices(growth.forest.trees.covariance[row, node]), plain)
             compared += 1
     assert without_lag > 20
     assert compared > without_lag or empty_set == "literal"
@@ -345,7 +347,7 @@ def test_operations_an_expanded_node_are_those_of_theorem_3(kind):
     assert counted["covariances_fused"] == sum(
         nodes * (degree + 1) for nodes, degree in zip(expanded, degrees, strict=True)
     )
-    assert growth.forest.drawn.shape[1] == growth.forest.configuration.shape[2] == 1
+    assert growth.forest.trees.drawn.shape[1] == growth.forest.trees.configuration.shape[2] == 1
     centralised = make_growth(problem, tree_options("reproduction"))
     assert centralised.tree.drawn.shape == (robots,)
     generators = np.random.default_rng(1).spawn(robots)

@@ -71,11 +71,11 @@ def plan_of(good, **changes):
 def refused(state, message, sender, says):
     """The message is refused, whatever the state has been."""
     before = (state.claims, state.opened, dict(state.reports), dict(state.waiting))
-    room = state.growth.forest.parent.shape[1]
+    room = state.growth.forest.trees.parent.shape[1]
     with pytest.raises(InvalidInputError, match=says):
         step(state, Inbox(0.1, (envelope_of(message, sender),)))
     assert before == (state.claims, state.opened, dict(state.reports), dict(state.waiting))
-    assert state.growth.forest.parent.shape[1] == room
+    assert state.growth.forest.trees.parent.shape[1] == room
 
 
 def test_nodes_beyond_the_budget_make_no_room():
@@ -89,10 +89,10 @@ def test_nodes_that_do_not_fit_those_that_are_here_are_left_out():
     wrong = nodes_of(first=2, parents=np.array([1, 2]), depths=np.array([5, 6])).nodes(2)
     growth.receive(1, wrong)
     row = growth.robots.index(1)
-    assert growth.forest.depth[row, :4].tolist() == [0, 1, -1, -1]
-    assert growth.forest.first_child[row, 1] == -1
+    assert growth.forest.trees.depth[row, :4].tolist() == [0, 1, -1, -1]
+    assert growth.forest.trees.first_child[row, 1] == -1
     growth.receive(1, wrong._replace(depths=np.array([2, 3], dtype=np.int32)))
-    assert growth.forest.depth[row, :4].tolist() == [0, 1, 2, 3]
+    assert growth.forest.trees.depth[row, :4].tolist() == [0, 1, 2, 3]
 
 
 GOOD_CLAIM = {"origin": 2, "goal": 1, "robot": 0, "node": 0, "steps": 3, "born_by": 2}

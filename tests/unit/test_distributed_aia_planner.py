@@ -11,10 +11,10 @@ from scipy.stats import chisquare
 from fgplan.errors import InvalidInputError, NoCandidatePathError, OptionError, UnknownNameError
 from fgplan.io.mission_file import load_mission
 from fgplan.planners.aia.problem import TerminalConstraint
+from fgplan.planners.aia.tree import way_to
 from fgplan.planners.distributed_aia.assignment_kernels import assign_robot
 from fgplan.planners.distributed_aia.candidate_kernels import draw_candidate, draw_child
 from fgplan.planners.distributed_aia.extraction import claim_order, extract, team_parts
-from fgplan.planners.distributed_aia.forest import way_to
 from fgplan.planners.distributed_aia.forest_growth import ForestGrowth
 from fgplan.planners.distributed_aia.information import (
     determinant_limit,
@@ -224,15 +224,15 @@ def test_extraction_follows_the_nodes_that_were_fused():
     goal = growth.goal_nodes(2)[0]
     ways = extract(growth, 2, goal)
     forest = growth.forest
-    steps = int(forest.depth[2, goal])
+    steps = int(forest.trees.depth[2, goal])
     fused = int(forest.source[2, goal, 1])  # of robot 3, the second neighbour of robot 2
-    nodes = way_to(forest.parent[3], fused)
+    nodes = way_to(forest.trees.parent[3], fused)
     np.testing.assert_array_equal(ways[3].poses[: len(nodes)], growth.poses_to(3, nodes))
     beyond = int(forest.source[3, fused, 1])  # of robot 4 when robot 3's node was made
-    nodes = way_to(forest.parent[4], beyond)
+    nodes = way_to(forest.trees.parent[4], beyond)
     np.testing.assert_array_equal(ways[4].poses[: len(nodes)], growth.poses_to(4, nodes))
     assert [len(way.poses) for way in ways.values()] == [steps + 1] * 5
-    assert int(forest.depth[4, beyond]) <= steps - 2
+    assert int(forest.trees.depth[4, beyond]) <= steps - 2
 
 
 def test_a_robot_alone_plans_for_itself_and_the_last_one_sets_the_horizon():
@@ -369,7 +369,7 @@ def test_mass_functions_may_differ_by_robot():
         options = distributed_options(until="budget", iterations=300, **changes)
         growth = ForestGrowth(problem, options, graph, np.random.default_rng(0).spawn(3))
         growth.run(300)
-        return [growth.forest.parent[row, : growth.nodes(row)].tolist() for row in range(3)]
+        return [growth.forest.trees.parent[row, : growth.nodes(row)].tolist() for row in range(3)]
 
     same = grown(p_group=0.6)
     alike = grown(of_robot={name: {"p_group": 0.6} for name in ("r0", "r1", "r2")})

@@ -157,34 +157,28 @@ def _joint(numbers: FloatArray, function: int) -> float:
 
 
 @njit(**UNCOUNTED)
-def total_of(numbers: FloatArray, function: int, scope: int) -> float:
+def total_of(numbers: FloatArray, criteria: Criteria) -> float:
     """The objective's term of one step."""
-    if scope == SUM:
+    if criteria.objective_scope == SUM:
         total = 0.0
         for i in range(numbers.shape[0]):
             total += numbers[i]
         return total
-    joint = _joint(numbers, function)
-    return float(np.exp(joint)) if function == DETERMINANT else joint
+    joint = _joint(numbers, criteria.objective)
+    return float(np.exp(joint)) if criteria.objective == DETERMINANT else joint
 
 
 @njit(**UNCOUNTED)
-def shortfall_of(
-    numbers: FloatArray,
-    function: int,
-    scope: int,
-    threshold: FloatArray,
-    limits: FloatArray,
-    satisfied: BoolArray,
-) -> float:
+def shortfall_of(numbers: FloatArray, criteria: Criteria, satisfied: BoolArray) -> float:
     """How far from the terminal constraint (at most one iff it holds), and who is satisfied.
 
     The worst target's number over its limit; of a joint determinant exp((log det - limit) /
     2 M), so that it, too, is a ratio. Writes ``satisfied``, shape (M,).
     """
+    limits, threshold = criteria.satisfied, criteria.threshold
     for i in range(numbers.shape[0]):
         satisfied[i] = numbers[i] <= limits[i]
-    if scope == EACH:
+    if criteria.terminal_scope == EACH:
         worst, largest, limit = 0.0, 0.0, threshold[0]
         for i in range(numbers.shape[0]):
             if threshold[i] != limit:  # one division for targets in a row with one limit
@@ -192,8 +186,8 @@ def shortfall_of(
                 largest, limit = 0.0, threshold[i]
             largest = max(largest, numbers[i])
         return max(worst, largest / limit)
-    joint = _joint(numbers, function)
-    if function == DETERMINANT:
+    joint = _joint(numbers, criteria.terminal)
+    if criteria.terminal == DETERMINANT:
         return float(np.exp((joint - threshold[0]) / (2.0 * numbers.shape[0])))
     return joint / threshold[0]
 

@@ -17,16 +17,13 @@ from fgplan.planners.aia.covariance_kernels import (
 )
 from fgplan.planners.aia.information_kernels import sum_remembered, team_information
 from fgplan.planners.aia.pose_kernels import Poses
+from fgplan.planners.aia.sampling_kernels import draw_member
 from fgplan.planners.aia.tree_kernels import (
-    BEST,
     BOUNDED,
-    CLOSEST,
     COST,
     DOMINATED,
-    GOALS,
     NODES,
     REPEATED,
-    SHORTFALL,
     Scratch,
     Setting,
     Settings,
@@ -34,6 +31,7 @@ from fgplan.planners.aia.tree_kernels import (
     at_goal,
     find_group,
     link_node,
+    note_node,
     repeats,
 )
 from fgplan.typing import FloatArray, IntArray
@@ -83,29 +81,16 @@ def append_node(
     Returns:
         Its group.
     """
-    criteria, fields, counts, best = setting.criteria, setting.fields, tree.counts, tree.best
+    criteria, fields = setting.criteria, setting.fields
     satisfied, assigned = scratch.satisfied, scratch.assigned
-    node = counts[NODES]
+    node = tree.counts[NODES]
     k = link_node(tree, parent, k, place, rows, cost)
     numbers = scratch.numbers
     if criteria.terminal != criteria.objective:
         read_numbers(tree.covariance[node], criteria.terminal, numbers)
-    shortfall = shortfall_of(
-        numbers,
-        criteria.terminal,
-        criteria.terminal_scope,
-        criteria.threshold,
-        criteria.satisfied,
-        satisfied,
-    )
-    if shortfall < best[SHORTFALL]:
-        best[SHORTFALL] = shortfall
-        counts[CLOSEST] = node
-    if shortfall <= 1.0 and at_goal(setting.goal, poses.pose, rows):
-        counts[GOALS] += 1
-        if cost < best[COST]:
-            best[COST] = cost
-            counts[BEST] = node
+    shortfall = shortfall_of(numbers, criteria, satisfied)
+    is_goal = shortfall <= 1.0 and at_goal(setting.goal, poses.pose, rows)
+    note_node(tree.counts, tree.best, node, cost, shortfall, is_goal)
     for j in range(rows.shape[0]):
         assigned[j] = 0 if parent < 0 else tree.assigned[parent, j]
     if settings.assign or parent < 0:
@@ -148,11 +133,8 @@ def extend_group(
     new, place = find_group(tree.slots, tree.configuration, rows)
     node, last = int(tree.head[k]), int(tree.tail[k])
     if settings.one_node:
-        node = last
-        if rng.random() >= settings.p_group:
-            node = int(tree.head[k])
-            for _ in range(int(rng.random() * tree.size[k])):
-                node = int(tree.next_in_group[node])
+        size = int(tree.size[k])
+        node = draw_member(node, last, size, tree.next_in_group, settings.p_group, rng)
         last = node
     seen_from = scratch.rows
     for j in range(rows.shape[0]):
@@ -199,8 +181,7 @@ def extend_group(
                     settings.at_child,
                 )
             read_numbers(covariance, criteria.objective, scratch.numbers)
-            term = total_of(scratch.numbers, criteria.objective, criteria.objective_scope)
-            cost = costs[node] + term
+            cost = costs[node] + total_of(scratch.numbers, criteria)
             if settings.bound and cost >= tree.best[COST]:
                 counts[BOUNDED] += 1
             elif (

@@ -8,23 +8,20 @@ from typing import Literal
 
 import numpy as np
 
-from fgplan.planners.aia.arrays import Prepared, further, settings_of, unpacked
-from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
+from fgplan.planners.aia.arrays import Prepared, unpacked
 from fgplan.planners.aia.extension_kernels import append_node
+from fgplan.planners.aia.ground import Ground
 from fgplan.planners.aia.grow_kernels import grow
 from fgplan.planners.aia.information_kernels import team_information
 from fgplan.planners.aia.options import TreeOptions
-from fgplan.planners.aia.pose_kernels import enter_pose
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.planners.aia.tree import (
     bytes_per_node,
-    make_poses,
-    make_scratch,
     make_tree,
     more_nodes,
-    more_poses,
     needs_large_rows,
+    way_to,
     with_large_rows,
 )
 from fgplan.planners.aia.tree_kernels import (
@@ -33,16 +30,10 @@ from fgplan.planners.aia.tree_kernels import (
     CLOSEST,
     COST,
     DOMINATED,
-    FEASIBLE,
     GOALS,
     ITERATIONS,
     NEED_NODES,
-    NEED_POSES,
-    NEED_TIME,
-    NODE_LIMIT,
     NODES,
-    REJECTED,
-    REPEATED,
     SHORTFALL,
     find_group,
 )
@@ -52,7 +43,7 @@ from fgplan.typing import FloatArray, IntArray
 Ended = Literal["iterations", "feasible", "nodes"]
 
 
-class Growth:
+class Growth(Ground):
     """A tree with its problem; ``plant`` begins a new one."""
 
     def __init__(
@@ -65,12 +56,8 @@ class Growth:
             options: How.
             prepared: The problem's arrays.
         """
-        self.problem = problem
+        super().__init__(problem, options, prepared)
         self.options = options
-        self.prepared = prepared
-        self.settings = settings_of(options, prepared)
-        self.scratch = make_scratch(prepared)
-        self.poses = make_poses(prepared)
         self.tree = make_tree(prepared, self.poses, options.node_budget)
 
     def plant(self, bound: float = np.inf) -> None:
@@ -103,8 +90,8 @@ class Growth:
             Why it ended.
         """
         last = self.iterations + iterations
-        while True:
-            ended = grow(
+        ended = self._grown(
+            lambda: grow(
                 self.prepared.setting,
                 self.settings,
                 self.poses,
@@ -113,11 +100,8 @@ class Growth:
                 last - self.iterations,
                 generator,
             )
-            if not self._made_room(ended):
-                break
-        if ended == FEASIBLE:
-            return "feasible"
-        return "nodes" if ended == NODE_LIMIT else "iterations"
+        )
+        return ended or "iterations"
 
     @property
     def nodes(self) -> int:
@@ -151,16 +135,8 @@ class Growth:
 
     def counted(self) -> dict[str, int]:
         """What was counted, by name."""
-        places = {
-            "nodes": NODES,
-            "iterations": ITERATIONS,
-            "feasible_nodes": GOALS,
-            "rejected_draws": REJECTED,
-            "repeated": REPEATED,
-            "left_out_by_bound": BOUNDED,
-            "left_out_by_dominance": DOMINATED,
-        }
-        return {name: int(self.tree.counts[place]) for name, place in places.items()}
+        others = {"left_out_by_bound": BOUNDED, "left_out_by_dominance": DOMINATED}
+        return self._counted(self.tree.counts, others)
 
     def best_path(self) -> TeamPath:
         """Path to the best node that satisfies the terminal constraint."""
@@ -180,10 +156,7 @@ class Growth:
             Poses, covariances and cost.
         """
         tree = self.tree
-        nodes = [node]
-        while tree.parent[nodes[-1]] >= 0:
-            nodes.append(int(tree.parent[nodes[-1]]))
-        nodes.reverse()
+        nodes = way_to(tree.parent, node)
         rows = tree.configuration[tree.group[nodes]].astype(np.int64)
         return TeamPath(
             poses=self.poses.pose[rows],
@@ -194,19 +167,13 @@ class Growth:
 
     def _starts(self) -> list[int]:
         """Rows of the robots' poses at time 0."""
-        setting = self.prepared.setting
-        return [
-            enter_pose(self.poses, setting.fields.frame, kind, *map(float, robot.pose))
-            for kind, robot in zip(setting.kind, self.problem.robots, strict=True)
-        ]
+        return [self._start(j) for j in range(len(self.problem.robots))]
 
     def _insert_root(self, rows: IntArray) -> None:
         """Enter the root, whose covariance is in scratch."""
         tree, setting = self.tree, self.prepared.setting
-        criteria, numbers = setting.criteria, self.scratch.numbers
         tree.covariance[0] = self.scratch.covariance
-        read_numbers(self.scratch.covariance, criteria.objective, numbers)
-        cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        cost = self._objective(self.scratch.covariance)
         _, place = find_group(tree.slots, tree.configuration, rows)
         append_node(
             setting, self.settings, self.poses, tree, self.scratch, -1, -1, place, rows, cost
@@ -234,12 +201,8 @@ class Growth:
         """Make the room that a kernel asked for; False where it asked for none."""
         if ended == NEED_NODES:
             self.tree = more_nodes(self.tree, self.options.node_budget)
-        elif ended == NEED_POSES:
-            self.poses = more_poses(self.poses)
-            if needs_large_rows(self.tree, self.poses):
-                self.tree = with_large_rows(self.tree)
-        elif ended == NEED_TIME:
-            self.prepared = further(self.prepared, self.problem)
-        else:
-            return False
-        return True
+            return True
+        made = super()._made_room(ended)
+        if made and needs_large_rows(self.tree, self.poses):
+            self.tree = with_large_rows(self.tree)
+        return made

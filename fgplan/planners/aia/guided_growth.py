@@ -24,15 +24,12 @@ from fgplan.planners.aia.pose_kernels import (
     follow_controls,
 )
 from fgplan.planners.aia.problem import AcquisitionProblem
-from fgplan.planners.aia.sampling_kernels import draw_controls, draw_group
+from fgplan.planners.aia.sampling_kernels import draw_controls, draw_group, draw_member
 from fgplan.planners.aia.tree_kernels import (
-    BEST,
     BOUNDED,
-    CLOSEST,
     COST,
     DEPTH,
     DOMINATED,
-    GOALS,
     ITERATIONS,
     NEED_NODES,
     NEED_POSES,
@@ -40,10 +37,10 @@ from fgplan.planners.aia.tree_kernels import (
     NODES,
     REJECTED,
     REPEATED,
-    SHORTFALL,
     at_goal,
     find_group,
     link_node,
+    note_node,
     repeats,
 )
 from fgplan.planners.aia.tree_view import view_tree
@@ -206,17 +203,16 @@ class GuidedGrowth(Growth):
 
     def _nodes_to_extend(self, k: int, generator: np.random.Generator) -> list[int]:
         """The whole group as it is now, or one node of it."""
-        tree = self.tree
-        nodes = []
+        tree, settings = self.tree, self.settings
         node = int(tree.head[k])
+        if settings.one_node:
+            tail, size, following = int(tree.tail[k]), int(tree.size[k]), tree.next_in_group
+            return [int(draw_member(node, tail, size, following, settings.p_group, generator))]
+        nodes = []
         while node >= 0:
             nodes.append(node)
             node = int(tree.next_in_group[node])
-        if not self.settings.one_node:
-            return nodes
-        if generator.random() < self.settings.p_group:
-            return nodes[-1:]
-        return [nodes[int(generator.random() * len(nodes))]]
+        return nodes
 
     def _group_of(self, rows: IntArray) -> int:
         """Group of a configuration, -1 where there is none yet."""
@@ -261,14 +257,10 @@ class GuidedGrowth(Growth):
         k = self._link(parent, k, rows, cost)
         tree.covariance[node] = after
         shortfall, satisfied = self.judgement.judge(after, int(tree.depth[node]))
-        if shortfall < tree.best[SHORTFALL]:
-            tree.best[SHORTFALL] = shortfall
-            tree.counts[CLOSEST] = node
-        if shortfall <= 1.0 and (not self._goals or at_goal(setting.goal, self.poses.pose, rows)):
-            tree.counts[GOALS] += 1
-            if cost < tree.best[COST]:
-                tree.best[COST] = cost
-                tree.counts[BEST] = node
+        is_goal = shortfall <= 1.0 and (
+            not self._goals or bool(at_goal(setting.goal, self.poses.pose, rows))
+        )
+        note_node(tree.counts, tree.best, node, cost, shortfall, is_goal)
         tree.assigned[node] = self._assign(parent, node, rows, satisfied)
         return k
 
@@ -377,8 +369,7 @@ class GuidedGrowth(Growth):
         if key not in self._known:
             if self.prepared.compiled_sensors and self.problem.packed:
                 self._make_room_for_poses()
-                while 1 < len(self.prepared.setting.sight.places) <= time:
-                    self._made_room(NEED_TIME)
+                self.setting_until(time)
                 known = super()._information(np.array([row], dtype=np.int64), time)
             else:
                 known = self._robot_information(robot, self.poses.pose[row], time)

@@ -36,8 +36,8 @@ MOST = 2**62
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TreeOptions:
-    """How the tree is grown.
+class GrowthOptions:
+    """How a tree is grown, a team's or one robot's.
 
     Attributes:
         p_group: p_V of (8).
@@ -51,16 +51,10 @@ class TreeOptions:
         reject_jointly: Draw from all controls and reject; otherwise draw from the free ones.
         expand: Extend the whole group (line 6), or one node of it: the last one with probability
             p_V, else any. One node keeps teams of one robot from growing exponentially.
-        measure_at: ``parent``, as line 7 prints it, or ``child``.
-        assignment: Algorithm 2, the same with an optimal choice in place of its lines 6 to 10, or
-            keep what the root chose.
-        bound: Leave out nodes not cheaper than the best plan.
-        dominance: Leave out dominated nodes.
         until: End with the first feasible plan, or when a budget is spent.
         iterations: Most iterations; None has no limit.
         node_budget: Most nodes.
         seconds: Longest time; None has no limit.
-        restarts: Further trees from scratch, each bounded by the best plan so far.
         geodesic_cell_m: Side of the cells of geodesic distances; None takes the greatest
             displacement of a control along an axis: the spacing of a lattice.
     """
@@ -72,15 +66,10 @@ class TreeOptions:
     uniform_after: Switch | int = "feasible"
     reject_jointly: bool = False
     expand: Expand = "group"
-    measure_at: Literal["parent", "child"] = "parent"
-    assignment: Assignment = "algorithm_2"
-    bound: bool = False
-    dominance: Dominance = "off"
     until: Until = "first_feasible"
     iterations: int | None = None
     node_budget: int = 1_000_000
     seconds: float | None = None
-    restarts: int = 0
     geodesic_cell_m: float | None = None
 
     def __post_init__(self) -> None:
@@ -88,21 +77,10 @@ class TreeOptions:
         for name, allowed in (
             ("near_controls", get_args(Near)),
             ("expand", get_args(Expand)),
-            ("measure_at", ("parent", "child")),
-            ("assignment", get_args(Assignment)),
-            ("dominance", get_args(Dominance)),
             ("until", get_args(Until)),
         ):
-            if getattr(self, name) not in allowed:
-                raise InvalidInputError(
-                    f"planner option {name}: expected one of {', '.join(allowed)}, got "
-                    f"{getattr(self, name)!r}"
-                )
-        for name in ("reject_jointly", "bound"):
-            if not isinstance(getattr(self, name), bool):
-                raise InvalidInputError(
-                    f"planner option {name}: expected true or false, got {getattr(self, name)!r}"
-                )
+            check_choice(name, getattr(self, name), allowed)
+        check_switch("reject_jointly", self.reject_jointly)
         for name in ("p_group", "p_control"):
             check_not_negative(getattr(self, name), f"planner option {name}")
         if not 0.5 < self.p_group < 1.0:
@@ -118,7 +96,6 @@ class TreeOptions:
         if self.uniform_after not in get_args(Switch):
             check_count("uniform_after", self.uniform_after, 0)
         check_count("node_budget", self.node_budget, 1)
-        check_count("restarts", self.restarts, 0)
         if self.iterations is not None:
             check_count("iterations", self.iterations, 1)
         for name in ("near_m", "seconds", "geodesic_cell_m"):
@@ -130,6 +107,38 @@ class TreeOptions:
                 "planner option until: 'budget' needs iterations or seconds: a tree that holds "
                 "every reachable node never reaches its node budget"
             )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TreeOptions(GrowthOptions):
+    """How a team's tree is grown.
+
+    Attributes:
+        measure_at: ``parent``, as line 7 prints it, or ``child``.
+        assignment: Algorithm 2, the same with an optimal choice in place of its lines 6 to 10, or
+            keep what the root chose.
+        bound: Leave out nodes not cheaper than the best plan.
+        dominance: Leave out dominated nodes.
+        restarts: Further trees from scratch, each bounded by the best plan so far.
+    """
+
+    measure_at: Literal["parent", "child"] = "parent"
+    assignment: Assignment = "algorithm_2"
+    bound: bool = False
+    dominance: Dominance = "off"
+    restarts: int = 0
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        GrowthOptions.__post_init__(self)  # of a class with slots ``super`` finds nothing
+        for name, allowed in (
+            ("measure_at", ("parent", "child")),
+            ("assignment", get_args(Assignment)),
+            ("dominance", get_args(Dominance)),
+        ):
+            check_choice(name, getattr(self, name), allowed)
+        check_switch("bound", self.bound)
+        check_count("restarts", self.restarts, 0)
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -210,6 +219,37 @@ def split_options(
         {name: value for name, value in given.items() if name in own},
         {name: value for name, value in given.items() if name not in own},
     )
+
+
+def check_choice(option: str, value: object, allowed: tuple[str, ...]) -> None:
+    """Refuse what is not among an option's values.
+
+    Args:
+        option: Its name.
+        value: What was given.
+        allowed: Its values.
+
+    Raises:
+        InvalidInputError: If it is none of them.
+    """
+    if value not in allowed:
+        raise InvalidInputError(
+            f"planner option {option}: expected one of {', '.join(allowed)}, got {value!r}"
+        )
+
+
+def check_switch(option: str, value: object) -> None:
+    """Refuse what is neither true nor false.
+
+    Args:
+        option: Its name.
+        value: What was given.
+
+    Raises:
+        InvalidInputError: If it is neither.
+    """
+    if not isinstance(value, bool):
+        raise InvalidInputError(f"planner option {option}: expected true or false, got {value!r}")
 
 
 def check_count(option: str, value: object, least: int) -> None:

@@ -23,7 +23,7 @@ from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.pose_rows import PoseRows, enter_poses
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.sampling_kernels import MOST_TRIES
-from fgplan.planners.aia.tree_kernels import DEEPEST, DEPTH, GROUPS, NEED_TIME, NODES
+from fgplan.planners.aia.tree_kernels import DEEPEST, DEPTH, GROUPS, NODES
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 Choice = tuple[int, tuple[int, ...]]
@@ -110,9 +110,7 @@ class PlainGrowth(GuidedGrowth):
 
     def _learn(self, rows: IntArray, time: int) -> FloatArray:
         """Information of each pose at a time, shape (n, width)."""
-        while 1 < len(self.prepared.setting.sight.places) <= time:
-            self._made_room(NEED_TIME)
-        sight, poses = self.prepared.setting.sight, self.poses
+        sight, poses = self.setting_until(time).sight, self.poses
         return information_rows(
             sight, self.problem.workspace, poses.pose[rows], poses.kind[rows], time
         )

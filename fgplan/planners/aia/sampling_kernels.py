@@ -72,6 +72,24 @@ def draw_group(
 
 
 @njit(**UNCOUNTED)
+def draw_member(
+    head: int,
+    tail: int,
+    size: int,
+    next_in_group: IntArray,
+    p_group: float,
+    rng: np.random.Generator,
+) -> int:
+    """One node of a group: the last one with probability p_V, otherwise any."""
+    if rng.random() < p_group:
+        return tail
+    node = head
+    for _ in range(int(rng.random() * size)):
+        node = int(next_in_group[node])
+    return node
+
+
+@njit(**UNCOUNTED)
 def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, controls: int) -> int:
     """Free control whose end is nearest by geodesic distance; -1 where none reaches."""
     best = -1
@@ -166,17 +184,8 @@ def _chosen(
 @njit(**UNCOUNTED)
 def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bool:
     """Whether a node satisfies the terminal constraint, wherever the robots are."""
-    criteria = setting.criteria
-    read_numbers(tree.covariance[node], criteria.terminal, scratch.numbers)
-    shortfall = shortfall_of(
-        scratch.numbers,
-        criteria.terminal,
-        criteria.terminal_scope,
-        criteria.threshold,
-        criteria.satisfied,
-        scratch.satisfied,
-    )
-    return shortfall <= 1.0
+    read_numbers(tree.covariance[node], setting.criteria.terminal, scratch.numbers)
+    return shortfall_of(scratch.numbers, setting.criteria, scratch.satisfied) <= 1.0
 
 
 @njit(**UNCOUNTED)

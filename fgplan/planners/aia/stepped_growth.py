@@ -5,7 +5,7 @@ import numpy as np
 from fgplan.planners.aia.assignment_kernels import assign_targets
 from fgplan.planners.aia.guided_growth import GuidedGrowth
 from fgplan.planners.aia.pose_kernels import enter_pose, follow_controls
-from fgplan.planners.aia.tree_kernels import NEED_TIME, at_goal
+from fgplan.planners.aia.tree_kernels import at_goal
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
@@ -41,9 +41,8 @@ class SteppedGrowth(GuidedGrowth):
         Returns:
             Metres, shape (n,) each.
         """
-        while 1 < len(self.prepared.setting.fields.of_target) <= time:
-            self._made_room(NEED_TIME)
-        fields, sight = self.prepared.setting.fields, self.prepared.setting.sight
+        setting = self.setting_until(time)
+        fields, sight = setting.fields, setting.sight
         field = fields.of_target[min(time, len(fields.of_target) - 1), target]
         place = sight.places[min(time, len(sight.places) - 1), target]
         geodesic = np.asarray(fields.distance_m[field, self.poses.cell[rows]], dtype=np.float64)
@@ -71,9 +70,7 @@ class SteppedGrowth(GuidedGrowth):
         Returns:
             Shape (N,).
         """
-        while 1 < len(self.prepared.setting.fields.of_target) <= time:
-            self._made_room(NEED_TIME)
-        fields, out = self.prepared.setting.fields, np.array(assigned)
+        fields, out = self.setting_until(time).fields, np.array(assigned)
         assign_targets(
             fields.distance_m,
             fields.of_target[min(time, len(fields.of_target) - 1)],

@@ -14,12 +14,13 @@ from fgplan.planners.aia.arrays import Prepared
 from fgplan.planners.aia.pose_kernels import ENTRY_COUNT, POSE_COUNT, Poses
 from fgplan.planners.aia.room_kernels import enter_groups, enter_rows
 from fgplan.planners.aia.tree_kernels import GROUPS, NODES, Scratch, Tree
+from fgplan.typing import IntArray
 
 _FIRST_NODES = 4096
 _FIRST_POSES = 2048
 _SECOND_BYTES = 2**28
 _SMALL_ROWS = 65_535
-_BY_NODE = (
+BY_NODE = (
     "parent",
     "first_child",
     "next_sibling",
@@ -30,7 +31,9 @@ _BY_NODE = (
     "covariance",
     "assigned",
 )
-_BY_GROUP = ("configuration", "head", "tail", "size", "stamp", "deepest")
+"""Arrays of a tree with a place for each node."""
+BY_GROUP = ("configuration", "head", "tail", "size", "stamp", "deepest")
+"""Those with a place for each group."""
 
 
 def make_poses(prepared: Prepared) -> Poses:
@@ -51,7 +54,7 @@ def make_poses(prepared: Prepared) -> Poses:
         pose=np.empty((rows, 3)),
         kind=np.empty(rows, dtype=np.uint8),
         cell=np.empty(rows, dtype=np.int32),
-        slots=np.full(_slots(rows), -1, dtype=np.int32),
+        slots=empty_slots((), rows),
         successors=np.empty((rows, controls) if recurs else (0, 0), dtype=np.int32),
         free=np.empty(rows if recurs else 0, dtype=np.int32),
         preferred=np.empty(
@@ -81,7 +84,7 @@ def more_poses(poses: Poses) -> Poses:
         pose=_grown(poses.pose, rows, used),
         kind=_grown(poses.kind, rows, used),
         cell=_grown(poses.cell, rows, used),
-        slots=np.full(_slots(rows) if len(poses.slots) else 0, -1, dtype=np.int32),
+        slots=empty_slots((), rows) if len(poses.slots) else poses.slots,
         successors=_grown(poses.successors, rows, used)
         if len(poses.successors)
         else poses.successors,
@@ -117,26 +120,49 @@ def make_tree(prepared: Prepared, poses: Poses, node_budget: int) -> Tree:
         raise InvalidInputError(f"planner aia: expected at most {_SMALL_ROWS} targets")
     size = min(_FIRST_NODES, max(node_budget, 1))
     small = len(poses.successors) > 0 and len(poses.pose) <= _SMALL_ROWS
+    return empty_trees((), prepared, size, robots, np.dtype(np.uint16 if small else np.int32))
+
+
+def empty_trees(
+    lead: tuple[int, ...], prepared: Prepared, size: int, robots: int, row_type: np.dtype
+) -> Tree:
+    """Room for the first nodes of one tree or of many alike.
+
+    Args:
+        lead: Leading axes of every array: () for one tree, (R,) for so many.
+        prepared: The problem's arrays.
+        size: Room for nodes.
+        robots: Robots that a tree plans for.
+        row_type: Of the configurations' numbers.
+
+    Returns:
+        Links -1, all else zero; no plan yet.
+    """
+    targets = prepared.setting.sight.places.shape[1]
+
+    def links() -> IntArray:
+        return np.full((*lead, size), -1, dtype=np.int32)
+
     return Tree(
-        parent=np.empty(size, dtype=np.int32),
-        first_child=np.empty(size, dtype=np.int32),
-        next_sibling=np.empty(size, dtype=np.int32),
-        group=np.empty(size, dtype=np.int32),
-        next_in_group=np.empty(size, dtype=np.int32),
-        depth=np.empty(size, dtype=np.int32),
-        cost=np.empty(size),
-        covariance=np.empty((size, len(prepared.root))),
-        assigned=np.empty((size, robots), dtype=np.uint8 if targets <= 255 else np.uint16),
-        configuration=np.empty((size, robots), dtype=np.uint16 if small else np.int32),
-        head=np.empty(size, dtype=np.int32),
-        tail=np.empty(size, dtype=np.int32),
-        size=np.empty(size, dtype=np.int32),
-        stamp=np.empty(size, dtype=np.int32),
-        deepest=np.empty(size, dtype=np.int32),
-        slots=np.full(_slots(size), -1, dtype=np.int32),
-        counts=np.zeros(16, dtype=np.int64),
-        best=np.array([np.inf, np.inf]),
-        drawn=np.zeros(robots, dtype=np.int64),
+        parent=links(),
+        first_child=links(),
+        next_sibling=links(),
+        group=links(),
+        next_in_group=links(),
+        depth=links(),
+        cost=np.zeros((*lead, size)),
+        covariance=np.zeros((*lead, size, len(prepared.root))),
+        assigned=np.zeros((*lead, size, robots), dtype=np.uint8 if targets <= 255 else np.uint16),
+        configuration=np.zeros((*lead, size, robots), dtype=row_type),
+        head=links(),
+        tail=links(),
+        size=np.zeros((*lead, size), dtype=np.int32),
+        stamp=links(),
+        deepest=links(),
+        slots=empty_slots(lead, size),
+        counts=np.zeros((*lead, 16), dtype=np.int64),
+        best=np.full((*lead, 2), np.inf),
+        drawn=np.zeros((*lead, robots), dtype=np.int64),
     )
 
 
@@ -153,11 +179,9 @@ def more_nodes(tree: Tree, node_budget: int) -> Tree:
     nodes, groups = tree.counts[NODES], tree.counts[GROUPS]
     many = int(_SECOND_BYTES / bytes_per_node(tree))
     size = min(max(2 * len(tree.parent), many), node_budget)
-    parts = {name: _grown(getattr(tree, name), size, nodes) for name in _BY_NODE}
-    parts |= {name: _grown(getattr(tree, name), size, groups) for name in _BY_GROUP}
-    grown = tree._replace(
-        slots=np.full(_slots(size) if len(tree.slots) else 0, -1, dtype=np.int32), **parts
-    )
+    parts = {name: _grown(getattr(tree, name), size, nodes) for name in BY_NODE}
+    parts |= {name: _grown(getattr(tree, name), size, groups) for name in BY_GROUP}
+    grown = tree._replace(slots=empty_slots((), size) if len(tree.slots) else tree.slots, **parts)
     if len(grown.slots):
         enter_groups(grown)
     return grown
@@ -222,9 +246,34 @@ def bytes_per_node(tree: Tree) -> float:
     return float(sum(array.nbytes for array in tree) / len(tree.parent))
 
 
-def _slots(size: int) -> int:
-    """Length of a hash table: a power of two, at most four fifths full."""
-    return int(2 ** np.ceil(np.log2(1.25 * size + 1)))
+def way_to(parent: IntArray, node: int) -> list[int]:
+    """Nodes from the root to a node.
+
+    Args:
+        parent: Of each node, -1 for the root.
+        node: The last.
+
+    Returns:
+        Numbers, root first.
+    """
+    nodes = [int(node)]
+    while parent[nodes[-1]] >= 0:
+        nodes.append(int(parent[nodes[-1]]))
+    return nodes[::-1]
+
+
+def empty_slots(lead: tuple[int, ...], size: int) -> IntArray:
+    """Empty hash tables: a power of two long, at most four fifths full.
+
+    Args:
+        lead: Leading axes: () for one table, (R,) for so many.
+        size: Most entries of a table.
+
+    Returns:
+        Shape (*lead, length), -1 everywhere.
+    """
+    length = int(2 ** np.ceil(np.log2(1.25 * size + 1)))
+    return np.full((*lead, length), -1, dtype=np.int32)
 
 
 def _grown(array: NDArray, size: int, used: int) -> NDArray:

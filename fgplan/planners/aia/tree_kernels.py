@@ -256,6 +256,21 @@ def repeats(
 
 
 @njit(**UNCOUNTED)
+def note_node(
+    counts: IntArray, best: FloatArray, node: int, cost: float, shortfall: float, is_goal: bool
+) -> None:
+    """Note the node that comes closest to the terminal constraint, and goal nodes and the best."""
+    if shortfall < best[SHORTFALL]:
+        best[SHORTFALL] = shortfall
+        counts[CLOSEST] = node
+    if is_goal:
+        counts[GOALS] += 1
+        if cost < best[COST]:
+            best[COST] = cost
+            counts[BEST] = node
+
+
+@njit(**UNCOUNTED)
 def at_goal(goal: FloatArray, pose: FloatArray, rows: IntArray) -> bool:
     """Whether every robot is at its terminal goal."""
     for j in range(rows.shape[0]):

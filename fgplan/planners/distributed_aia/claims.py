@@ -51,7 +51,7 @@ class OpenPlan:
         """
         robot, born = growth.robots[0], int(growth.forest.born[0, goal])
         extra = extra_steps(growth.graph, robot, growth.options.constraint_at)
-        steps = int(growth.forest.depth[0, goal]) + extra
+        steps = int(growth.forest.trees.depth[0, goal]) + extra
         return cls(
             goal=goal,
             born=born,

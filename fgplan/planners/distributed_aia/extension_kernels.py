@@ -19,20 +19,17 @@ from fgplan.planners.aia.covariance_kernels import (
 )
 from fgplan.planners.aia.information_kernels import team_information
 from fgplan.planners.aia.pose_kernels import Poses
+from fgplan.planners.aia.sampling_kernels import draw_member
 from fgplan.planners.aia.tree_kernels import (
-    BEST,
-    CLOSEST,
-    COST,
-    GOALS,
     NODES,
     REPEATED,
-    SHORTFALL,
     Scratch,
     Setting,
     Settings,
     Tree,
     find_group,
     link_node,
+    note_node,
 )
 from fgplan.planners.distributed_aia.assignment_kernels import assign_robot
 from fgplan.planners.distributed_aia.candidate_kernels import CATCH_UP, draw_candidate
@@ -77,7 +74,8 @@ def hear_neighbours(
 ) -> int:
     """Draw the nodes of all neighbours for extending a node; how many are linked at its time."""
     covariance, used, taken = heard.covariance, heard.node, heard.taken
-    robot, t = links.robot[r], int(forest.depth[r, node])
+    trees = forest.trees
+    robot, t = links.robot[r], int(trees.depth[r, node])
     step = t // links.period % links.linked.shape[0]
     count = 0
     for i in range(taken.shape[0]):
@@ -88,9 +86,9 @@ def hear_neighbours(
         if other < 0:
             continue
         chosen = draw_candidate(
-            forest.first_child[other],
-            forest.next_sibling[other],
-            forest.depth[other],
+            trees.first_child[other],
+            trees.next_sibling[other],
+            trees.depth[other],
             forest.uncertainty[other],
             int(forest.source[r, node, d]),
             t,
@@ -110,13 +108,13 @@ def hear_neighbours(
         ):
             continue
         for c in range(covariance.shape[1]):
-            covariance[count, c] = forest.covariance[other, chosen, c]
-        lag = t - int(forest.depth[other, chosen])
+            covariance[count, c] = trees.covariance[other, chosen, c]
+        lag = t - int(trees.depth[other, chosen])
         heard.late[count] = lag > 0 and not links.literal
         if heard.late[count]:
             predict_lag(covariance[count], setting.dynamics, t, lag)
         if lag <= CATCH_UP or links.literal:  # a robot left behind goes for nothing any more
-            taken[forest.assigned[other, chosen, 0]] = True
+            taken[trees.assigned[other, chosen, 0]] = True
         count += 1
     return count
 
@@ -156,32 +154,19 @@ def enter_node(
     Returns:
         Its group.
     """
-    criteria, fields, counts, best = setting.criteria, setting.fields, tree.counts, tree.best
+    criteria, fields = setting.criteria, setting.fields
     numbers, satisfied = scratch.numbers, scratch.satisfied
-    node = counts[NODES]
+    node = tree.counts[NODES]
     k = link_node(tree, parent, k, place, tree.drawn, cost)
     covariance = tree.covariance[node]
     if criteria.terminal != criteria.objective:
         read_numbers(covariance, criteria.terminal, numbers)
     for i in range(numbers.shape[0]):
         numbers[i] /= forest.margin[r]
-    shortfall = shortfall_of(
-        numbers,
-        criteria.terminal,
-        criteria.terminal_scope,
-        criteria.threshold,
-        criteria.satisfied,
-        satisfied,
-    )
-    if shortfall < best[SHORTFALL]:
-        best[SHORTFALL] = shortfall
-        counts[CLOSEST] = node
-    forest.is_goal[r, node] = shortfall <= 1.0
-    if shortfall <= 1.0:
-        counts[GOALS] += 1
-        if cost < best[COST]:
-            best[COST] = cost
-            counts[BEST] = node
+    shortfall = shortfall_of(numbers, criteria, satisfied)
+    is_goal = shortfall <= 1.0
+    forest.is_goal[r, node] = is_goal
+    note_node(tree.counts, tree.best, node, cost, shortfall, is_goal)
     row = tree.drawn[0]
     inherited = -1 if parent < 0 else int(tree.assigned[parent, 0])
     if settings.assign or parent < 0:
@@ -229,11 +214,8 @@ def extend_robot(
     new, place = find_group(tree.slots, tree.configuration, tree.drawn)
     node, last = np.int64(tree.head[k]), np.int64(tree.tail[k])
     if settings.one_node:
-        node = last
-        if stream.random() >= settings.p_group:
-            node = np.int64(tree.head[k])
-            for _ in range(int(stream.random() * tree.size[k])):
-                node = np.int64(tree.next_in_group[node])
+        size = np.int64(tree.size[k])
+        node = draw_member(node, last, size, tree.next_in_group, settings.p_group, stream)
         last = node
     seen_from[0] = tree.configuration[k, 0]
     known = -1  # time of the information at hand: the same for all times where targets stay
@@ -256,8 +238,7 @@ def extend_robot(
             counts[FUSED] += 1 + count
             counts[MEASURED] += 1
             read_numbers(covariance, criteria.objective, scratch.numbers)
-            term = total_of(scratch.numbers, criteria.objective, criteria.objective_scope)
-            cost = float(tree.cost[node]) + term
+            cost = float(tree.cost[node]) + total_of(scratch.numbers, criteria)
             new = enter_node(
                 setting,
                 settings,

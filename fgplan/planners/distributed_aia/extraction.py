@@ -91,7 +91,7 @@ def extract(growth: ForestGrowth, origin: int, node: int) -> dict[int, Way]:
     forest = growth.forest
     born_by = int(forest.born[origin, node])
     extra = extra_steps(growth.graph, origin, growth.options.constraint_at)
-    steps = int(forest.depth[origin, node]) + extra
+    steps = int(forest.trees.depth[origin, node]) + extra
     ways: dict[int, Way] = {}
     for robot, by in claim_order(growth.graph, origin):
         claimed = node if robot == origin else claimed_node(growth.graph, ways[by], by, robot)

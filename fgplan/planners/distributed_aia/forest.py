@@ -9,34 +9,12 @@ from numpy.typing import NDArray
 
 from fgplan.planners.aia.arrays import Prepared
 from fgplan.planners.aia.room_kernels import enter_groups
-from fgplan.planners.aia.tree_kernels import NODES, Tree
+from fgplan.planners.aia.tree import BY_GROUP, BY_NODE, empty_slots, empty_trees
+from fgplan.planners.aia.tree_kernels import Tree
 from fgplan.planners.distributed_aia.extension_kernels import Heard
 from fgplan.planners.distributed_aia.forest_kernels import Forest
-from fgplan.typing import IntArray
 
-_BY_NODE = (
-    "parent",
-    "first_child",
-    "next_sibling",
-    "group",
-    "next_in_group",
-    "depth",
-    "cost",
-    "covariance",
-    "assigned",
-    "configuration",
-    "head",
-    "tail",
-    "size",
-    "stamp",
-    "deepest",
-    "uncertainty",
-    "position",
-    "source",
-    "born",
-    "is_goal",
-)
-_TREE = len(Tree._fields)
+_BY_NODE = ("uncertainty", "position", "source", "born", "is_goal")
 
 
 def make_forest(prepared: Prepared, rows: int, neighbours: int, nodes: int) -> Forest:
@@ -51,31 +29,8 @@ def make_forest(prepared: Prepared, rows: int, neighbours: int, nodes: int) -> F
     Returns:
         An empty forest.
     """
-    targets = prepared.setting.sight.places.shape[1]
-
-    def links() -> IntArray:
-        return np.full((rows, nodes), -1, dtype=np.int32)
-
     return Forest(
-        parent=links(),
-        first_child=links(),
-        next_sibling=links(),
-        group=links(),
-        next_in_group=links(),
-        depth=links(),
-        cost=np.zeros((rows, nodes)),
-        covariance=np.zeros((rows, nodes, len(prepared.root))),
-        assigned=np.zeros((rows, nodes, 1), dtype=np.uint8 if targets <= 255 else np.uint16),
-        configuration=np.zeros((rows, nodes, 1), dtype=np.int32),
-        head=links(),
-        tail=links(),
-        size=np.zeros((rows, nodes), dtype=np.int32),
-        stamp=links(),
-        deepest=links(),
-        slots=np.full((rows, _slots(nodes)), -1, dtype=np.int32),
-        counts=np.zeros((rows, 16), dtype=np.int64),
-        best=np.full((rows, 2), np.inf),
-        drawn=np.zeros((rows, 1), dtype=np.int64),
+        trees=empty_trees((rows,), prepared, nodes, 1, np.dtype(np.int32)),
         uncertainty=np.zeros((rows, nodes)),
         position=np.zeros((rows, nodes, 2)),
         source=np.full((rows, nodes, neighbours), -1, dtype=np.int32),
@@ -98,10 +53,12 @@ def with_room(forest: Forest, nodes: int) -> Forest:
     Returns:
         A copy.
     """
-    parts = {name: _grown(getattr(forest, name), nodes) for name in _BY_NODE}
-    rows = len(forest.counts)
-    slots: IntArray = np.full((rows, _slots(nodes)), -1, dtype=np.int32)
-    grown = forest._replace(slots=slots, **parts)
+    trees, rows = forest.trees, len(forest.trees.counts)
+    parts = {name: _grown(getattr(trees, name), nodes) for name in BY_NODE + BY_GROUP}
+    grown = forest._replace(
+        trees=trees._replace(slots=empty_slots((rows,), nodes), **parts),
+        **{name: _grown(getattr(forest, name), nodes) for name in _BY_NODE},
+    )
     for row in range(rows):
         enter_groups(tree_of(grown, row))
     return grown
@@ -117,7 +74,7 @@ def tree_of(forest: Forest, row: int) -> Tree:
     Returns:
         Views.
     """
-    return Tree(*(array[row] for array in forest[:_TREE]))
+    return Tree(*(array[row] for array in forest.trees))
 
 
 def make_heard(prepared: Prepared, neighbours: int) -> Heard:
@@ -147,38 +104,8 @@ def bytes_per_node(forest: Forest) -> float:
     Returns:
         Bytes.
     """
-    return float(sum(array.nbytes for array in forest) / forest.parent.size)
-
-
-def way_to(parent: IntArray, node: int) -> list[int]:
-    """Nodes from the root to a node.
-
-    Args:
-        parent: Of each node, -1 for the root.
-        node: The last.
-
-    Returns:
-        Numbers, root first.
-    """
-    nodes = [int(node)]
-    while parent[nodes[-1]] >= 0:
-        nodes.append(int(parent[nodes[-1]]))
-    return nodes[::-1]
-
-
-def node_count(forest: Forest, row: int) -> int:
-    """Nodes of a row that grows here.
-
-    Args:
-        forest: The forest.
-        row: The row.
-    """
-    return int(forest.counts[row, NODES])
-
-
-def _slots(size: int) -> int:
-    """Length of a hash table: a power of two, at most four fifths full."""
-    return int(2 ** np.ceil(np.log2(1.25 * size + 1)))
+    trees, *others = forest
+    return float(sum(array.nbytes for array in (*trees, *others)) / trees.parent.size)
 
 
 def _grown(array: NDArray, nodes: int) -> NDArray:

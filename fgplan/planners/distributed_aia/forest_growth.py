@@ -10,27 +10,17 @@ from typing import Literal
 
 import numpy as np
 
-from fgplan.planners.aia.arrays import further, prepare, settings_of
-from fgplan.planners.aia.covariance_kernels import read_numbers, total_of
+from fgplan.planners.aia.arrays import prepare
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
-from fgplan.planners.aia.pose_kernels import enter_pose
+from fgplan.planners.aia.ground import Ground
 from fgplan.planners.aia.problem import AcquisitionProblem
-from fgplan.planners.aia.tree import make_poses, make_scratch, more_poses
 from fgplan.planners.aia.tree_kernels import (
     CLOSEST,
-    FEASIBLE,
     GOALS,
-    ITERATIONS,
     NEED_NODES,
-    NEED_POSES,
-    NEED_TIME,
-    NODE_LIMIT,
     NODES,
     PENDING,
-    REJECTED,
-    REPEATED,
     SHORTFALL,
-    Setting,
     find_group,
 )
 from fgplan.planners.distributed_aia.extension_kernels import enter_node
@@ -64,7 +54,7 @@ MARGIN = 0.8
 """By which a robot's limits shrink when the replay has refused its goal nodes."""
 
 
-class ForestGrowth:
+class ForestGrowth(Ground):
     """Trees of the robots that grow here."""
 
     def __init__(
@@ -91,17 +81,16 @@ class ForestGrowth:
             InvalidInputError: If the problem is of a kind that these trees do not know.
         """
         check_problem(problem, graph, options)
-        self.problem, self.options, self.graph = problem, options, graph
+        prepared = prepare(problem, options.tree(), fields, apart=True)
+        check_prepared(prepared, problem)
+        super().__init__(problem, options.tree(), prepared)
+        self.options, self.graph = options, graph
         team = range(len(problem.robots))
         own = list(team) if robot is None else [robot]
         self.robots = own + [j for j in team if j not in own and j in graph.ever(own[0])]
         """Robot of each row; those that grow here come first."""
-        self.prepared = prepare(problem, options.tree(), fields, apart=True)
-        check_prepared(self.prepared, problem)
-        self.settings = settings_of(options.tree(), self.prepared)
-        self.poses = make_poses(self.prepared)
         # One robot looks, not the team.
-        self.scratch = make_scratch(self.prepared)._replace(rows=np.zeros(1, dtype=np.int64))
+        self.scratch = self.scratch._replace(rows=np.zeros(1, dtype=np.int64))
         degree = max(1, *(len(graph.ever(j)) for j in own))
         self.heard = make_heard(self.prepared, degree)
         self.forest = make_forest(self.prepared, len(self.robots), degree, _FIRST_NODES)
@@ -129,8 +118,8 @@ class ForestGrowth:
             Why it ended; ``feasible`` after a sweep with new goal nodes.
         """
         last = self.sweep + sweeps
-        while True:
-            ended = grow_forest(
+        ended = self._grown(
+            lambda: grow_forest(
                 self.prepared.setting,
                 self.settings,
                 self.links,
@@ -145,11 +134,8 @@ class ForestGrowth:
                 self._place,
                 last - self.sweep,
             )
-            if not self._made_room(ended):
-                break
-        if ended == FEASIBLE:
-            return "feasible"
-        return "nodes" if ended == NODE_LIMIT else "sweeps"
+        )
+        return ended or "sweeps"
 
     @property
     def sweep(self) -> int:
@@ -162,7 +148,7 @@ class ForestGrowth:
         Args:
             row: The row.
         """
-        return int(self.forest.counts[row, NODES])
+        return int(self.forest.trees.counts[row, NODES])
 
     def is_full(self, row: int) -> bool:
         """Whether the node budget of a row that grows here is spent.
@@ -170,7 +156,7 @@ class ForestGrowth:
         Args:
             row: The row.
         """
-        return bool(self.forest.counts[row, PENDING] == FULL)
+        return bool(self.forest.trees.counts[row, PENDING] == FULL)
 
     def goal_nodes(self, row: int, born_since: int = 0) -> list[int]:
         """Goal nodes of a row that grows here, cheapest first, at most ``goals_kept``.
@@ -182,12 +168,12 @@ class ForestGrowth:
         made = slice(0, self.nodes(row))
         chosen = self.forest.is_goal[row, made] & (self.forest.born[row, made] >= born_since)
         found = np.flatnonzero(chosen)
-        order = np.argsort(self.forest.cost[row, found], kind="stable")
+        order = np.argsort(self.forest.trees.cost[row, found], kind="stable")
         return [int(node) for node in found[order][: self.options.goals_kept]]
 
     def goals_looked_at(self) -> None:
         """From now on ``run`` stops for new goal nodes only."""
-        self.forest.goals[:] = self.forest.counts[:, GOALS]
+        self.forest.goals[:] = self.forest.trees.counts[:, GOALS]
 
     def tighten(self, row: int) -> None:
         """Ask for more from now on: the replay has refused the goal nodes of a row.
@@ -218,15 +204,15 @@ class ForestGrowth:
             first: The first.
             wants: What to say of the receiver's nodes.
         """
-        forest, made = self.forest, slice(first, self.nodes(row))
+        trees, made = self.forest.trees, slice(first, self.nodes(row))
         return Nodes(
             first=first,
             wants=wants,
-            parents=forest.parent[row, made].copy(),
-            depths=forest.depth[row, made].copy(),
-            covariances=forest.covariance[row, made].copy(),
-            assigned=forest.assigned[row, made, 0].astype(np.uint16),
-            positions=forest.position[row, made].copy(),
+            parents=trees.parent[row, made].copy(),
+            depths=trees.depth[row, made].copy(),
+            covariances=trees.covariance[row, made].copy(),
+            assigned=trees.assigned[row, made, 0].astype(np.uint16),
+            positions=self.forest.position[row, made].copy(),
         )
 
     def receive(self, robot: int, nodes: Nodes) -> None:
@@ -238,9 +224,9 @@ class ForestGrowth:
                 what is here, none is entered.
         """
         row, older = self.robots.index(robot), (nodes.parents >= 0) & (nodes.parents < nodes.first)
-        here = nodes.parents[older] < self.forest.depth.shape[1]
+        here = nodes.parents[older] < self.forest.trees.depth.shape[1]
         parents, depths = nodes.parents[older][here], nodes.depths[older][here]
-        known = self.forest.depth[row, parents]
+        known = self.forest.trees.depth[row, parents]
         if ((known >= 0) & (depths != known + 1)).any():
             return
         self._room_for(nodes.first + len(nodes.parents))
@@ -263,26 +249,17 @@ class ForestGrowth:
     @property
     def shortfall(self) -> float:
         """Least shortfall of any node of a row that grows here."""
-        return float(self.forest.best[: self._own, SHORTFALL].min())
+        return float(self.forest.trees.best[: self._own, SHORTFALL].min())
 
     def closest(self) -> tuple[int, int]:
         """Row and number of the node of least shortfall."""
-        row = int(np.argmin(self.forest.best[: self._own, SHORTFALL]))
-        return row, int(self.forest.counts[row, CLOSEST])
+        row = int(np.argmin(self.forest.trees.best[: self._own, SHORTFALL]))
+        return row, int(self.forest.trees.counts[row, CLOSEST])
 
     def counted(self) -> dict[str, int]:
         """What was counted, over all rows that grow here."""
-        places = {
-            "nodes": NODES,
-            "iterations": ITERATIONS,
-            "feasible_nodes": GOALS,
-            "rejected_draws": REJECTED,
-            "repeated": REPEATED,
-            "covariances_fused": FUSED,
-            "measurement_models": MEASURED,
-        }
-        sums = self.forest.counts[: self._own].sum(axis=0)
-        return {name: int(sums[place]) for name, place in places.items()}
+        sums = self.forest.trees.counts[: self._own].sum(axis=0)
+        return self._counted(sums, {"covariances_fused": FUSED, "measurement_models": MEASURED})
 
     def poses_to(self, row: int, nodes: Sequence[int]) -> FloatArray:
         """Poses of nodes of a row that grows here.
@@ -294,32 +271,18 @@ class ForestGrowth:
         Returns:
             Shape (n, 3), world frame.
         """
-        groups = self.forest.group[row, list(nodes)]
-        return np.array(self.poses.pose[self.forest.configuration[row, groups, 0]])
-
-    def setting_until(self, time: int) -> Setting:
-        """What the kernels read, with targets predicted until a time at least.
-
-        Args:
-            time: Last time asked for.
-        """
-        while 1 < len(self.prepared.setting.sight.places) <= time:
-            self.prepared = further(self.prepared, self.problem)
-        return self.prepared.setting
+        groups = self.forest.trees.group[row, list(nodes)]
+        return np.array(self.poses.pose[self.forest.trees.configuration[row, groups, 0]])
 
     def _plant(self, row: int) -> None:
         """Make the root q_i(0) = [p_i(0), Sigma_i(0), {}]."""
-        setting, tree = self.prepared.setting, tree_of(self.forest, row)
-        j = self.robots[row]
-        pose = map(float, self.problem.robots[j].pose)
-        tree.drawn[0] = enter_pose(self.poses, setting.fields.frame, setting.kind[j], *pose)
+        tree = tree_of(self.forest, row)
+        tree.drawn[0] = self._start(self.robots[row])
         tree.covariance[0] = self.prepared.root
-        criteria, numbers = setting.criteria, self.scratch.numbers
-        read_numbers(self.prepared.root, criteria.objective, numbers)
-        cost = total_of(numbers, criteria.objective, criteria.objective_scope)
+        cost = self._objective(self.prepared.root)
         _, place = find_group(tree.slots, tree.configuration, tree.drawn)
         enter_node(
-            setting,
+            self.prepared.setting,
             self.settings,
             self.poses,
             tree,
@@ -336,17 +299,13 @@ class ForestGrowth:
     def _made_room(self, ended: int) -> bool:
         """Make the room that a kernel asked for; False where it asked for none."""
         if ended == NEED_NODES:
-            self._room_for(self.forest.parent.shape[1] + 1)
-        elif ended == NEED_POSES:
-            self.poses = more_poses(self.poses)
-        elif ended == NEED_TIME:
-            self.prepared = further(self.prepared, self.problem)
+            self._room_for(self.forest.trees.parent.shape[1] + 1)
         elif ended == NEED_NUMBERS:
             # Of the row that asks: others may have drawn none for long.
             left = self._numbers.shape[1] - int(self._place[self.forest.clock[TURN], 0])
             self._more_numbers(max(RESERVE, 2 * left))
         else:
-            return False
+            return super()._made_room(ended)
         return True
 
     def _more_numbers(self, least: int) -> None:
@@ -360,7 +319,7 @@ class ForestGrowth:
 
     def _room_for(self, nodes: int) -> None:
         """Room for nodes up to a number, doubled where there is not enough."""
-        room = self.forest.parent.shape[1]
+        room = self.forest.trees.parent.shape[1]
         if nodes > room:
             while room < nodes:
                 room *= 2

@@ -16,11 +16,12 @@ import numpy as np
 
 from fgplan.compiling import njit
 from fgplan.planners.aia.compilation import UNCOUNTED
+from fgplan.planners.aia.tree_kernels import Tree
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 FUSED, MEASURED = 14, 15
-"""Places in ``Forest.counts`` beside those of the sampling tree: covariances fused (own ones too),
-and measurement models of the robot itself used."""
+"""Places in ``counts`` beside those of one tree: covariances fused (own ones too), and measurement
+models of the robot itself used."""
 NEED_NUMBERS = 6
 """Why a call ends, beside the reasons of ``fgplan.planners.aia.tree_kernels``."""
 TURN, SWEEP = 0, 1
@@ -31,26 +32,8 @@ class Forest(NamedTuple):
     """Trees, leading axis R over rows, then C over nodes or groups.
 
     Attributes:
-        parent: As of ``fgplan.planners.aia.tree_kernels.Tree``, with the leading axis; so are all
-            up to ``drawn``.
-        first_child: Child of greatest number.
-        next_sibling: Child of the same parent of the next lower number.
-        group: As there.
-        next_in_group: As there.
-        depth: As there; -1 for a node that has not arrived.
-        cost: J_i of equation (7).
-        covariance: Shape (R, C, 3 M).
-        assigned: Shape (R, C, 1).
-        configuration: Shape (R, C, 1).
-        head: As there.
-        tail: As there.
-        size: As there.
-        stamp: As there.
-        deepest: As there.
-        slots: As there, shape (R, H).
-        counts: Shape (R, 16).
-        best: Shape (R, 2).
-        drawn: Shape (R, 1).
+        trees: All arrays of a tree, each with the leading axis, of one robot; children have the
+            greatest number first, and a node that has not arrived has depth -1.
         uncertainty: Log-determinant of each node's joint covariance, shape (R, C).
         position: Of the robot at each node, shape (R, C, 2), metres.
         source: S_i: node of each neighbour's tree, -1 at the root, shape (R, C, D).
@@ -63,25 +46,7 @@ class Forest(NamedTuple):
         clock: See ``TURN`` and ``SWEEP``.
     """
 
-    parent: IntArray
-    first_child: IntArray
-    next_sibling: IntArray
-    group: IntArray
-    next_in_group: IntArray
-    depth: IntArray
-    cost: FloatArray
-    covariance: FloatArray
-    assigned: IntArray
-    configuration: IntArray
-    head: IntArray
-    tail: IntArray
-    size: IntArray
-    stamp: IntArray
-    deepest: IntArray
-    slots: IntArray
-    counts: IntArray
-    best: FloatArray
-    drawn: IntArray
+    trees: Tree
     uncertainty: FloatArray
     position: FloatArray
     source: IntArray
@@ -167,17 +132,18 @@ def receive_nodes(
         covariances: Shape (n, 3 M).
         positions: Shape (n, 2).
     """
+    trees = forest.trees
     for n in range(parents.shape[0]):
         node = first + n
-        if forest.depth[row, node] >= 0:
+        if trees.depth[row, node] >= 0:
             continue
-        forest.depth[row, node] = depths[n]
-        forest.parent[row, node] = parents[n]
+        trees.depth[row, node] = depths[n]
+        trees.parent[row, node] = parents[n]
         for c in range(covariances.shape[1]):
-            forest.covariance[row, node, c] = covariances[n, c]
-        forest.assigned[row, node, 0] = assigned[n]
+            trees.covariance[row, node, c] = covariances[n, c]
+        trees.assigned[row, node, 0] = assigned[n]
         forest.position[row, node, 0] = positions[n, 0]
         forest.position[row, node, 1] = positions[n, 1]
         forest.uncertainty[row, node] = log_determinant(covariances[n])
         if parents[n] >= 0:
-            link_child(forest.first_child[row], forest.next_sibling[row], parents[n], node)
+            link_child(trees.first_child[row], trees.next_sibling[row], parents[n], node)

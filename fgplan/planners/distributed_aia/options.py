@@ -9,17 +9,15 @@ everywhere.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 from fgplan.checks import check_not_negative
 from fgplan.errors import InvalidInputError
 from fgplan.planners.aia.options import (
-    Expand,
-    Near,
-    Switch,
+    GrowthOptions,
     TreeOptions,
-    Until,
+    check_choice,
     check_count,
     preset_options,
 )
@@ -28,82 +26,40 @@ EmptySet = Literal["predict", "literal"]
 ConstraintAt = Literal["one", "all"]
 
 _MASSES = ("p_group", "p_control", "p_candidate")
-_OF_TREE = (
-    "p_group",
-    "p_control",
-    "near_m",
-    "near_controls",
-    "uniform_after",
-    "reject_jointly",
-    "expand",
-    "until",
-    "iterations",
-    "node_budget",
-    "seconds",
-    "geodesic_cell_m",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DistributedOptions:
-    """How the trees are grown; names that ``aia`` has too mean the same, for one robot's tree.
+class DistributedOptions(GrowthOptions):
+    """How the trees are grown; iterations and node budget are those of each robot.
 
     Attributes:
-        p_group: p_V of (8).
-        p_control: p_U of (9).
         p_candidate: p_C of (10).
-        of_robot: By name of a robot, which of these three it has otherwise: the mass functions
-            may differ by robot.
+        of_robot: By name of a robot, which of p_group, p_control and p_candidate it has otherwise:
+            the mass functions may differ by robot.
         kappa: Weight of the most certain robot in the filter (4), target by target; the others
             share the rest.
-        near_m: Distance to the target below which controls are drawn uniformly; None takes the
-            sensing range.
-        near_controls: What is drawn within it: ``uniform``, or ``circle`` the target.
-        uniform_after: When a robot's draws become uniform.
-        reject_jointly: Draw from all controls and reject; otherwise draw from the free ones.
-        expand: Extend the whole group, or one ``node`` of it.
         empty_set: What is fused where a neighbour has no admissible node: its last covariance
             predicted forward, or ``literal``, as it is (Remark 3).
         constraint_at: Whether the terminal constraint holds at ``one`` robot at least, or at all.
-        until: End with the first feasible plan, or when a budget is spent.
-        iterations: Most iterations of each robot; None has no limit.
-        node_budget: Most nodes of each robot.
-        seconds: Longest time; None has no limit.
         goals_kept: Goal nodes of each robot, cheapest first, of which team paths are made.
-        geodesic_cell_m: As of ``aia``.
     """
 
-    p_group: float = 0.9
-    p_control: float = 0.9
     p_candidate: float = 0.9
     of_robot: Mapping[str, Mapping[str, float]] | None = None
     kappa: float = 0.9
-    near_m: float | None = None
-    near_controls: Near = "uniform"
-    uniform_after: Switch | int = "feasible"
-    reject_jointly: bool = False
-    expand: Expand = "group"
     empty_set: EmptySet = "predict"
     constraint_at: ConstraintAt = "one"
-    until: Until = "first_feasible"
-    iterations: int | None = None
     node_budget: int = 100_000
-    seconds: float | None = None
     goals_kept: int = 32
-    geodesic_cell_m: float | None = None
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        self.tree()
+        GrowthOptions.__post_init__(self)
         for name, allowed in (
             ("empty_set", get_args(EmptySet)),
             ("constraint_at", get_args(ConstraintAt)),
         ):
-            if getattr(self, name) not in allowed:
-                raise InvalidInputError(
-                    f"planner option {name}: expected one of {', '.join(allowed)}, got "
-                    f"{getattr(self, name)!r}"
-                )
+            check_choice(name, getattr(self, name), allowed)
         for name in ("p_candidate", "kappa"):
             check_not_negative(getattr(self, name), f"planner option {name}")
         if not 0.0 < self.p_candidate < 1.0:
@@ -135,7 +91,7 @@ class DistributedOptions:
         Raises:
             InvalidInputError: If one is not usable.
         """
-        return TreeOptions(**{name: getattr(self, name) for name in _OF_TREE})
+        return TreeOptions(**{one.name: getattr(self, one.name) for one in fields(GrowthOptions)})
 
     def _check_robots(self) -> None:
         """Refuse mass functions of a robot that would not do for all."""

@@ -79,14 +79,7 @@ def replay_path(
                         row, dynamics.identity, dynamics.transition, dynamics.process, t - 1
                     )
             read_numbers(row, criteria.objective, numbers)
-            terms[t, i] = total_of(numbers, criteria.objective, criteria.objective_scope)
+            terms[t, i] = total_of(numbers, criteria)
             read_numbers(row, criteria.terminal, numbers)
-            shortfalls[t, i] = shortfall_of(
-                numbers,
-                criteria.terminal,
-                criteria.terminal_scope,
-                criteria.threshold,
-                criteria.satisfied,
-                satisfied,
-            )
+            shortfalls[t, i] = shortfall_of(numbers, criteria, satisfied)
     return covariance, terms, shortfalls

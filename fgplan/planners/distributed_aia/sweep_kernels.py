@@ -136,13 +136,13 @@ def grow_forest(
         ``DONE``, ``FEASIBLE`` after a sweep in which a goal node was made, ``NODE_LIMIT`` once no
         row may make more nodes, or what more room is needed for: then call again, nothing is lost.
     """
-    rows, clock = links.robot.shape[0], forest.clock
+    rows, clock, trees = links.robot.shape[0], forest.clock, forest.trees
     last = clock[SWEEP] + sweeps
     while clock[SWEEP] < last:
         if clock[TURN] == 0:
             for r in range(rows):
                 if links.grows[r]:
-                    forest.known[r] = forest.counts[r, NODES]
+                    forest.known[r] = trees.counts[r, NODES]
         while clock[TURN] < rows:
             r = clock[TURN]
             if links.grows[r]:
@@ -179,25 +179,25 @@ def grow_forest(
                     settings.node_limit,
                 )
                 tree = Tree(
-                    forest.parent[r],
-                    forest.first_child[r],
-                    forest.next_sibling[r],
-                    forest.group[r],
-                    forest.next_in_group[r],
-                    forest.depth[r],
-                    forest.cost[r],
-                    forest.covariance[r],
-                    forest.assigned[r],
-                    forest.configuration[r],
-                    forest.head[r],
-                    forest.tail[r],
-                    forest.size[r],
-                    forest.stamp[r],
-                    forest.deepest[r],
-                    forest.slots[r],
-                    forest.counts[r],
-                    forest.best[r],
-                    forest.drawn[r],
+                    trees.parent[r],
+                    trees.first_child[r],
+                    trees.next_sibling[r],
+                    trees.group[r],
+                    trees.next_in_group[r],
+                    trees.depth[r],
+                    trees.cost[r],
+                    trees.covariance[r],
+                    trees.assigned[r],
+                    trees.configuration[r],
+                    trees.head[r],
+                    trees.tail[r],
+                    trees.size[r],
+                    trees.stamp[r],
+                    trees.deepest[r],
+                    trees.slots[r],
+                    trees.counts[r],
+                    trees.best[r],
+                    trees.drawn[r],
                 )
                 ended = iterate(
                     own,
@@ -221,11 +221,11 @@ def grow_forest(
         clock[SWEEP] += 1
         if settings.stop_at_goal:
             for r in range(rows):
-                if links.grows[r] and forest.counts[r, GOALS] > forest.goals[r]:
+                if links.grows[r] and trees.counts[r, GOALS] > forest.goals[r]:
                     return FEASIBLE
         full = True
         for r in range(rows):
-            full = full and (not links.grows[r] or forest.counts[r, PENDING] == FULL)
+            full = full and (not links.grows[r] or trees.counts[r, PENDING] == FULL)
         if full:
             return NODE_LIMIT
     return DONE

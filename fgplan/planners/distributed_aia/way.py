@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgplan.planners.aia.pose_kernels import find_cell, follow_controls
-from fgplan.planners.distributed_aia.forest import way_to
+from fgplan.planners.aia.tree import way_to
 from fgplan.planners.distributed_aia.forest_growth import ForestGrowth
 from fgplan.typing import FloatArray, IntArray
 
@@ -46,14 +46,14 @@ def way_through(growth: ForestGrowth, row: int, node: int, steps: int, born_by: 
         The way.
     """
     forest = growth.forest
-    nodes = way_to(forest.parent[row], max(node, 0))[: steps + 1]
+    nodes = way_to(forest.trees.parent[row], max(node, 0))[: steps + 1]
     while len(nodes) <= steps:
         child = _cheapest_child(growth, row, nodes[-1], born_by)
         if child < 0:
             break
         nodes.append(child)
     poses = list(growth.poses_to(row, nodes))
-    assigned = forest.assigned[row, nodes, 0].astype(np.int64).tolist()
+    assigned = forest.trees.assigned[row, nodes, 0].astype(np.int64).tolist()
     while len(poses) <= steps:
         poses.append(_nearer(growth, row, poses[-1], assigned[-1], len(poses)))
         assigned.append(assigned[-1])
@@ -68,15 +68,15 @@ def way_through(growth: ForestGrowth, row: int, node: int, steps: int, born_by: 
 
 def _cheapest_child(growth: ForestGrowth, row: int, node: int, born_by: int) -> int:
     """Child of least cost among those made by a sweep; of equal ones the first; -1 for none."""
-    forest = growth.forest
+    born, trees = growth.forest.born, growth.forest.trees
     best = -1
-    child = int(forest.first_child[row, node])
+    child = int(trees.first_child[row, node])
     while child >= 0:
-        if forest.born[row, child] <= born_by and (
-            best < 0 or forest.cost[row, child] <= forest.cost[row, best]
+        if born[row, child] <= born_by and (
+            best < 0 or trees.cost[row, child] <= trees.cost[row, best]
         ):
             best = child
-        child = int(forest.next_sibling[row, child])
+        child = int(trees.next_sibling[row, child])
     return best
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
 from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.segment import Segment, plan_segment
-from fgplan.planners.intermittent.segment_problem import SegmentProblem, StateModel
+from fgplan.planners.intermittent.segment_model import StateModel
+from fgplan.planners.intermittent.segment_problem import SegmentProblem
 from fgplan.planners.intermittent.truth import Truth
 from fgplan.typing import FloatArray
 from roadmaps import Workspace

@@ -1,4 +1,4 @@
-"""Independent targets and built-in sensors: the compiled filter over blocks.
+"""Independent targets and built-in sensors: ``StateModel`` by the compiled filter over blocks.
 
 What a robot can measure is numbered sensor by sensor, target by target: index = c M + i for its
 sensor c and target i of M.
@@ -87,16 +87,8 @@ class BlockModel:
         return self.hidden.size
 
     def predicted_means(self, estimate: Estimate, steps: int) -> FloatArray:
-        """Open-loop means from an estimate on.
-
-        Args:
-            estimate: Where to start.
-            steps: Number of steps.
-
-        Returns:
-            Shape (steps + 1, n).
-        """
-        # As ``HiddenState.predicted_means``, all targets at once.
+        """Open-loop means, all targets at once."""
+        # As ``HiddenState.predicted_means``.
         transition, drift, _ = self.targets
         means = np.empty((steps + 1, *drift.shape[1:], 1))
         means[0] = np.asarray(estimate.mean).reshape(means.shape[1:])
@@ -108,52 +100,21 @@ class BlockModel:
         return means.reshape(steps + 1, -1)
 
     def uncertainties(self, covariance: FloatArray) -> FloatArray:
-        """Uncertainty of each target.
-
-        Args:
-            covariance: Shape (M, s, s).
-
-        Returns:
-            Shape (M,).
-        """
+        """Uncertainty of each target, of covariances of shape (M, s, s)."""
         metric = METRICS[self.metric]
         return np.array([block_uncertainty(block, metric) for block in covariance])
 
     def target_places(self, mean: FloatArray) -> FloatArray:
-        """Where the targets are, seen from above.
-
-        Args:
-            mean: Shape (n,).
-
-        Returns:
-            Shape (M, 2), metres.
-        """
+        """The first two coordinates of each target."""
         return np.asarray(mean).reshape(len(self.hidden.blocks), -1)[:, :2]
 
     def observation_count(self, robot: int) -> int:
-        """Number of things that a robot can measure.
-
-        Args:
-            robot: Its row.
-
-        Returns:
-            Sensors times targets.
-        """
+        """Sensors times targets."""
         del robot
         return int(self.table.shape[1]) * len(self.hidden.blocks)
 
     def reading_size(self, robot: int, index: int, state: FloatArray, position: FloatArray) -> int:
-        """Numbers that a measurement has; none where the robot has no such sensor.
-
-        Args:
-            robot: Its row.
-            index: Of the thing measured.
-            state: Any state, shape (n,).
-            position: Any place, shape (2,), metres.
-
-        Returns:
-            Size of the sensor's prediction.
-        """
+        """Size of the sensor's prediction; zero where the robot has no such sensor."""
         carried, count = self.sensors[robot], len(self.hidden.blocks)
         if index // count >= len(carried):
             return 0
@@ -164,17 +125,7 @@ class BlockModel:
     def measure(
         self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
     ) -> tuple[tuple[int, tuple[float, ...]], ...]:
-        """What a robot measures of the true state.
-
-        Args:
-            robot: Its row.
-            state: Shape (n,).
-            position: Of the robot, shape (2,), metres.
-            normals: Standard normal numbers, shape (observation_count, 3).
-
-        Returns:
-            Index and value of each measurement, ascending.
-        """
+        """Readings of the sensors that see a target, compiled."""
         count, size = len(self.hidden.blocks), self.hidden.blocks[0].size
         sensors = self.table[robot]
         values, seen = np.zeros_like(normals), np.zeros(len(normals), dtype=np.bool_)
@@ -189,16 +140,7 @@ class BlockModel:
     def run(
         self, estimate: Estimate, until: int, records: Sequence[tuple[int, Record]]
     ) -> Filtered:
-        """Filter on with records of the steps after the estimate.
-
-        Args:
-            estimate: Where to start.
-            until: Last step.
-            records: Robot and record, in order of time, then of robot.
-
-        Returns:
-            The estimate at ``until`` and the way there.
-        """
+        """The filter over blocks, compiled."""
         count, size = len(self.hidden.blocks), self.hidden.blocks[0].size
         mean = np.array(estimate.mean).reshape(count, size)
         covariance = np.array(estimate.covariance)

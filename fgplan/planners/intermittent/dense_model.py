@@ -1,4 +1,4 @@
-"""Users' own models: the filter of Algorithm 4 over one dense covariance, in numpy.
+"""Users' own models: ``StateModel`` by the filter of Algorithm 4 over one dense covariance.
 
 What a robot can measure is numbered by its place among the robot's observations. In planning the
 predicted measurement is the measurement, so only the covariance changes; the predicted mean, and
@@ -74,87 +74,37 @@ class DenseModel:
         return uncertainty_function(self.metric)
 
     def predicted_means(self, estimate: Estimate, steps: int) -> FloatArray:
-        """Open-loop means from an estimate on.
-
-        Args:
-            estimate: Where to start.
-            steps: Number of steps.
-
-        Returns:
-            Shape (steps + 1, n).
-        """
+        """Open-loop means."""
         means = [np.asarray(estimate.mean)]
         for step in range(steps):
             means.append(self.process.advance(means[-1], estimate.time + step))
         return np.array(means)
 
     def uncertainties(self, covariance: FloatArray) -> FloatArray:
-        """Uncertainty of each part.
-
-        Args:
-            covariance: Shape (1, n, n).
-
-        Returns:
-            One number a part.
-        """
+        """Uncertainty of each part, of a covariance of shape (1, n, n)."""
         whole = covariance[0]
         parts = self.parts or (slice(0, self.size),)
         return np.array([float(self._function.evaluate(whole[p, p], None)) for p in parts])
 
     def target_places(self, mean: FloatArray) -> FloatArray:
-        """Where the parts are, seen from above; a state need not be in any place.
-
-        Args:
-            mean: Shape (n,).
-
-        Returns:
-            Shape (parts, 2), metres: the first two coordinates of parts of two or three, else
-            zero.
-        """
+        """The first two coordinates of parts of two or three; zero for those in no place."""
         parts = self.parts or (slice(0, self.size),)
         values = [np.asarray(mean)[part] for part in parts]
         return np.array([v[:2] if v.size in (2, 3) else np.zeros(2) for v in values])
 
     def observation_count(self, robot: int) -> int:
-        """Number of things that a robot can measure.
-
-        Args:
-            robot: Its row.
-
-        Returns:
-            Its observations.
-        """
+        """The robot's observations."""
         return len(self.observations[robot])
 
     def reading_size(self, robot: int, index: int, state: FloatArray, position: FloatArray) -> int:
-        """Numbers that a measurement has.
-
-        Args:
-            robot: Its row.
-            index: Of the observation.
-            state: Any state, shape (n,).
-            position: Any place, shape (2,), metres.
-
-        Returns:
-            Size of the observation's prediction.
-        """
+        """Size of the observation's prediction."""
         with np.errstate(all="ignore"):
             return int(np.size(self.observations[robot][index].predict(state, position)))
 
     def measure(
         self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
     ) -> tuple[tuple[int, tuple[float, ...]], ...]:
-        """What a robot measures of the true state, with noise M v, v ~ N(0, R).
-
-        Args:
-            robot: Its row.
-            state: Shape (n,).
-            position: Of the robot, shape (2,), metres.
-            normals: Standard normal numbers, shape (observation_count, 3).
-
-        Returns:
-            Index and value of each measurement, ascending.
-        """
+        """Visible observations' predictions with noise M v, v ~ N(0, R)."""
         readings = []
         for index, one in enumerate(self.observations[robot]):
             if one.visible(state, position, self.workspace):
@@ -167,16 +117,7 @@ class DenseModel:
     def run(
         self, estimate: Estimate, until: int, records: Sequence[tuple[int, Record]]
     ) -> Filtered:
-        """Filter on with records of the steps after the estimate.
-
-        Args:
-            estimate: Where to start.
-            until: Last step.
-            records: Robot and record, in order of time, then of robot.
-
-        Returns:
-            The estimate at ``until`` and the way there.
-        """
+        """The filter over the whole state."""
         by_time = {
             time: list(group) for time, group in groupby(records, key=lambda item: item[1].time)
         }

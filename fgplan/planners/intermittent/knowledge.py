@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
-from fgplan.planners.intermittent.segment_problem import StateModel
+from fgplan.planners.intermittent.segment_model import StateModel
 from fgplan.typing import IntArray
 
 Log = tuple[Record, ...]

@@ -24,7 +24,7 @@ from fgplan.planners.intermittent.geodesic_way import geodesic_cells
 from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.robot_state import TeamSetup, start_robot
 from fgplan.planners.intermittent.schedule import PeriodChoice, make_schedule
-from fgplan.planners.intermittent.segment_problem import StateModel
+from fgplan.planners.intermittent.segment_model import StateModel
 from fgplan.planners.intermittent.sensor_rows import sensor_rows
 from fgplan.planners.intermittent.state_model import HiddenProcess, TargetObservation
 from fgplan.planners.intermittent.team_course import (

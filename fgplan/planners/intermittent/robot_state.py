@@ -15,7 +15,8 @@ from fgplan.planners.intermittent.message import Offer
 from fgplan.planners.intermittent.options import SegmentOptions
 from fgplan.planners.intermittent.schedule import Schedule
 from fgplan.planners.intermittent.segment import Segment, plan_segment
-from fgplan.planners.intermittent.segment_problem import SegmentProblem, StateModel
+from fgplan.planners.intermittent.segment_model import StateModel
+from fgplan.planners.intermittent.segment_problem import SegmentProblem
 from roadmaps import GeodesicGrid, Workspace
 
 SegmentPlanner = Callable[[SegmentProblem, SegmentOptions, np.random.Generator], Segment]

@@ -5,62 +5,16 @@ is agreed already: starts differ in place and time. What the robots will measure
 tracks that are agreed counts towards the estimate.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from fgplan.checks import check_finite
 from fgplan.errors import InvalidInputError
-from fgplan.planners.intermittent.cost_task import CostTask
-from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
+from fgplan.planners.intermittent.estimate import Estimate
+from fgplan.planners.intermittent.segment_model import StateModel
 from fgplan.typing import FloatArray, IntArray
 from roadmaps import Workspace
-
-
-class StateModel(Protocol):
-    """What planning and estimation ask of a model: ``BlockModel`` or ``DenseModel``."""
-
-    @property
-    def metric(self) -> str:
-        """Name of the uncertainty function."""
-
-    @property
-    def every(self) -> int:
-        """Steps between measurements."""
-
-    @property
-    def size(self) -> int:
-        """Number of coordinates n of the state."""
-
-    def predicted_means(self, estimate: Estimate, steps: int) -> FloatArray:
-        """Open-loop means, shape (steps + 1, n)."""
-
-    def uncertainties(self, covariance: FloatArray) -> FloatArray:
-        """Uncertainty of each target."""
-
-    def target_places(self, mean: FloatArray) -> FloatArray:
-        """Where the targets are, seen from above, shape (M, 2)."""
-
-    def observation_count(self, robot: int) -> int:
-        """Number of things that a robot can measure."""
-
-    def reading_size(self, robot: int, index: int, state: FloatArray, position: FloatArray) -> int:
-        """Numbers that a measurement of one of those things has."""
-
-    def measure(
-        self, robot: int, state: FloatArray, position: FloatArray, normals: FloatArray
-    ) -> tuple[tuple[int, tuple[float, ...]], ...]:
-        """What a robot measures of the true state."""
-
-    def run(
-        self, estimate: Estimate, until: int, records: Sequence[tuple[int, Record]]
-    ) -> Filtered:
-        """Filter on with records."""
-
-    def cost_pairs(self, task: CostTask) -> None:
-        """Cost of Algorithm 4 for pairs of nodes: fills ``costs`` and ``covariances``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fgplan.models.hidden_state import HiddenState
 from fgplan.planners.intermittent.estimate import Estimate
-from fgplan.planners.intermittent.segment_problem import StateModel
+from fgplan.planners.intermittent.segment_model import StateModel
 from fgplan.typing import BoolArray, FloatArray
 from roadmaps import Workspace
 
