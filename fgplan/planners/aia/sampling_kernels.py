@@ -71,7 +71,7 @@ def draw_group(
     return int(deepest[0])
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, controls: int) -> int:
     """Free control whose end is nearest by geodesic distance; -1 where none reaches."""
     best = -1
@@ -83,7 +83,7 @@ def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, contro
     return best
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _nearest_heading(
     distances: FloatArray,
     frame: FloatArray,
@@ -115,7 +115,7 @@ def _nearest_heading(
     return best
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _widest_turn(
     before: FloatArray, ends: FloatArray, found: IntArray, controls: int, target: FloatArray
 ) -> int:
@@ -134,7 +134,7 @@ def _widest_turn(
     return best
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _chosen(
     preferred: int,
     p_control: float,
@@ -163,7 +163,7 @@ def _chosen(
     return -1
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bool:
     """Whether a node satisfies the terminal constraint, wherever the robots are."""
     criteria = setting.criteria
@@ -179,7 +179,7 @@ def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bo
     return shortfall <= 1.0
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _fill_controls(
     setting: Setting,
     poses: Poses,
@@ -216,7 +216,7 @@ def _fill_controls(
     return int(controls)
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _preferred_control(
     setting: Setting,
     circle: bool,
@@ -259,7 +259,7 @@ def _preferred_control(
     return -1
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def draw_remembered(
     begin: int,
     rows: IntArray,
