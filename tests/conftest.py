@@ -5,11 +5,16 @@ hand: ``pytest --hypothesis-profile deep``).
 """
 
 import os
+import sys
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: see fgplan/threads.py
+# Tests start a hundred processes: each would translate all sources again where nothing is kept.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+sys.dont_write_bytecode = False
 
 settings.register_profile("dev", max_examples=25, deadline=None)
 settings.register_profile(
