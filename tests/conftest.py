@@ -42,6 +42,14 @@ def pytest_configure(config):
         raise pytest.UsageError("--update-golden: CI compares with golden traces; it never writes")
 
 
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Runs of a test that looks at none draw none: three pictures take as long as the plan."""
+    from fgplan.cli import run_command
+
+    monkeypatch.setattr(run_command, "draw_run_figures", lambda _: ())
+
+
 @pytest.fixture(scope="session")
 def robot_server(tmp_path_factory):
     """The one process that starts robots as processes."""
