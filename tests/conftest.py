@@ -4,6 +4,7 @@ Profiles: ``dev`` (default), ``ci`` (where CI is set; the same examples every ti
 hand: ``pytest --hypothesis-profile deep``).
 """
 
+import gc
 import os
 import sys
 
@@ -35,6 +36,12 @@ def pytest_addoption(parser):
         action="store_true",
         help="rewrite the traces in tests/golden instead of comparing with them",
     )
+
+
+def pytest_collection_finish(session):
+    """What was imported and collected stays: nothing is gained by looking for garbage in it."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_configure(config):

@@ -11,7 +11,7 @@ import pytest
 from fgplan.closed_loop.comparison import EVERYBODY
 from fgplan.errors import FgplanError, InvalidInputError
 from fgplan.io.command import CommandOptions
-from fgplan.reproduce.regev_scenarios import command
+from fgplan.reproduce.regev_scenarios import command, mission_run
 from fgplan.reproduce.regev_scenarios.command import (
     PUBLISHED,
     QUICK_CANDIDATES,
@@ -73,6 +73,7 @@ def outcome(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scenarios")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "run_sweep", _here)
+        patch.setattr(mission_run, "warm_up", lambda *_: None)  # nobody reads these times
         patch.setattr(loop_figures, "draw_loop_figures", _draw_first_session)
         options = CommandOptions(
             out=folder, quick=True, record=recorded.append, arguments={"scenarios": "1,2"}
