@@ -4,12 +4,18 @@ Profiles: ``dev`` (default), ``ci`` (where CI is set; the same examples every ti
 hand: ``pytest --hypothesis-profile deep``).
 """
 
+import gc
 import os
+import sys
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: see fgplan/threads.py
+# Tests start a hundred processes: each would translate all sources again where nothing is kept.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+sys.dont_write_bytecode = False
 
 settings.register_profile("dev", max_examples=25, deadline=None)
 settings.register_profile(
@@ -32,9 +38,23 @@ def pytest_addoption(parser):
     )
 
 
+def pytest_collection_finish(session):
+    """What was imported and collected stays: nothing is gained by looking for garbage in it."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_configure(config):
     if config.getoption("--update-golden") and os.environ.get("CI"):
         raise pytest.UsageError("--update-golden: CI compares with golden traces; it never writes")
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Runs of a test that looks at none draw none: three pictures take as long as the plan."""
+    from fgplan.cli import run_command
+
+    monkeypatch.setattr(run_command, "draw_run_figures", lambda _: ())
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ The same on every call.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -55,6 +56,7 @@ class Made:
     seen_by: dict = field(default_factory=dict)
 
 
+@cache
 def make_history(*, spatial=False, finished=True, seed=7):
     """A loop of 43 steps and four sessions; spatial poses are (4, 4), flying at 30 m."""
     rng = np.random.default_rng(seed)

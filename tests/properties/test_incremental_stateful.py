@@ -7,6 +7,7 @@ pose) by model.
 
 import numpy as np
 import scenes
+from example_counts import FEWER
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -172,4 +173,4 @@ class Announcing(RuleBasedStateMachine):
 
 
 TestAnnouncing = Announcing.TestCase
-TestAnnouncing.settings = settings(stateful_step_count=8)
+TestAnnouncing.settings = settings(stateful_step_count=8, max_examples=FEWER)

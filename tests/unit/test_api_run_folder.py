@@ -66,20 +66,18 @@ def test_modules_maps_and_their_images_are_copied_and_nothing_from_elsewhere(tmp
     assert (out / "maps" / "hall.yaml").read_text().startswith("image")
 
 
-def test_run_folder_of_an_own_planner_runs_again(tmp_path):
+@pytest.mark.usefixtures("no_pictures")
+def test_run_folder_of_an_own_planner_runs_again(tmp_path, monkeypatch, capsys):
     first, second = tmp_path / "first", tmp_path / "second"
     for source, out in ((SCENARIOS / "own_planner.toml", first), (first / "scenario.toml", second)):
-        done = subprocess.run(
-            [sys.executable, "-m", "fgplan", "run", str(source), "--quick", "--out", str(out)],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        lines = [line for line in done.stdout.splitlines() if line.startswith("objective ")]
+        monkeypatch.delitem(sys.modules, "greedy_planner", raising=False)  # as a new process
+        assert main(["run", str(source), "--quick", "--out", str(out)]) == 0
+        assert Path(sys.modules["greedy_planner"].__file__).parent == source.parent
+        said = capsys.readouterr().out.splitlines()
+        lines = [line for line in said if line.startswith("objective ")]
         assert len(lines) == 1
         assert "->" not in lines[0]  # it chooses once: one value
+    monkeypatch.delitem(sys.modules, "greedy_planner")
     assert (second / "greedy_planner.py").read_bytes() == (
         SCENARIOS / "greedy_planner.py"
     ).read_bytes()

@@ -439,6 +439,7 @@ def test_process_ends_with_the_status_and_one_line(name, tmp_path):
         assert words_of_it in ended.stderr
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_the_others_go_on_where_the_user_says_so(tmp_path, capsys):
     text = edited(("obstacles = [", CELL), ("[[team", '[team]\nwithout_path = "stay"\n[[team'))
     path = write(Case(text, ()), tmp_path)

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import closed_loop_worlds as worlds
@@ -20,6 +21,7 @@ from fgplan.io.place import Place
 from fgplan.io.scenario_file import read_scenario
 from fgplan.io.tum import read_tum
 from fgplan.viz.animation import animate_loop
+from fgplan.viz.loop_figures import draw_loop_figures
 
 SCENARIO = """
 schema = 1
@@ -94,11 +96,18 @@ def load(path, seed=None):
     return load_loop_mission(path, seed)
 
 
+def draw_first_session(history, folder, workspace):
+    """The figures; those of the other sessions are no different (test_viz_loop_figures)."""
+    return draw_loop_figures(replace(history, sessions=history.sessions[:1]), folder, workspace)
+
+
 @pytest.fixture(scope="module")
 def said_and_folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("scenario")
     out, said = path / "run", io.StringIO()
-    with contextlib.redirect_stdout(said):
+    with contextlib.redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop_command, "draw_loop_figures", draw_first_session)
+        patch.setattr(loop_command, "QUICK_FRAMES", 3)
         assert main(["run", str(write(path)), "--out", str(out), "--quick", "--check"]) == 0
     return said.getvalue(), out
 
@@ -176,6 +185,7 @@ def test_plot_draws_a_loop_again(folder, capsys, monkeypatch):
         return animate_loop(history, path, **{**options, "frames": 3, "dpi": 40})
 
     monkeypatch.setattr(loop_command, "animate_loop", short)
+    monkeypatch.setattr(loop_command, "draw_loop_figures", draw_first_session)
     for name in FIGURES:
         (folder / name).unlink()
     assert main(["plot", str(folder)]) == 0

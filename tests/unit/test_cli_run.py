@@ -59,6 +59,7 @@ def test_record_reads_back_what_was_planned(run_folder):
         assert np.linalg.norm(first.pose[:2] - second.pose[:2]) < 8.0  # the scenario's criterion
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_same_seed_gives_the_same_plan(run_folder, tmp_path):
     assert main(["run", str(EXAMPLE), "--out", str(tmp_path), "--quick", "--seeds", "2"]) == 0
     first, second = plans(tmp_path)
@@ -67,6 +68,7 @@ def test_same_seed_gives_the_same_plan(run_folder, tmp_path):
     assert first.value != second.value
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_first_seed_takes_the_place_of_the_scenarios(run_folder, tmp_path):
     words = ["run", str(EXAMPLE), "--out", str(tmp_path), "--quick", "--first-seed", "2"]
     assert main(words) == 0
@@ -106,6 +108,7 @@ def test_unreachable_goal_ends_with_one_and_names_the_robot(tmp_path, capsys):
     assert "without_path = 'stay'" in error
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_robot_without_a_path_may_stay(tmp_path, capsys):
     wall = "obstacles = [\n  [[50.0, 16.0], [60.0, 16.0], [60.0, 17.0], [50.0, 17.0]],"
     wall += "\n  [[50.0, 0.0], [51.0, 0.0], [51.0, 17.0], [50.0, 17.0]],"
@@ -181,6 +184,7 @@ def test_own_planner_lies_beside_the_scenario(tmp_path, capsys):
     assert main(["plot", str(out)]) == 0
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_exhaustive_planner_runs_from_a_scenario(tmp_path):
     text = EXAMPLE.read_text().replace("impacted_paths", "exhaustive")
     (tmp_path / "team.toml").write_text(text.replace("candidates = 10", "candidates = 3"))
@@ -206,6 +210,7 @@ def test_other_content_of_a_record_is_refused(tmp_path, capsys):
     assert "expected the record of a run" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_simulation_that_is_not_run_is_said(tmp_path, capsys):
     path = tmp_path / "team.toml"
     text = EXAMPLE.read_text().replace("impacted_paths", "exhaustive")

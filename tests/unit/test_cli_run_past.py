@@ -92,6 +92,7 @@ def test_a_log_is_planned_from_and_its_folder_runs_again(tmp_path, capsys, kind)
     assert plans[0]["scenario_digest"] == plans[1]["scenario_digest"]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_run_folder_is_used_again_for_another_log(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["run", str(team(tmp_path, "pyfg")), "--quick", "--out", str(out)]) == 0
@@ -108,6 +109,7 @@ def test_a_run_folder_is_used_again_for_another_log(tmp_path, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_run_never_removes_a_log_or_files_of_a_user(tmp_path, capsys):
     graph = team(tmp_path).rename(tmp_path / "pose_graph.g2o")
     content = graph.read_bytes()
@@ -135,6 +137,7 @@ def test_a_run_never_removes_a_log_or_files_of_a_user(tmp_path, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_log_with_an_ending_in_capitals_runs_again_from_its_folder(tmp_path, capsys):
     graph, out = team(tmp_path).rename(tmp_path / "team.G2O"), tmp_path / "out"
     assert main(["run", str(graph), "--quick", "--out", str(out)]) == 0
@@ -143,6 +146,7 @@ def test_a_log_with_an_ending_in_capitals_runs_again_from_its_folder(tmp_path, c
     assert "12 poses, 12 factors" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_everything_can_be_overridden(tmp_path, capsys):
     team(tmp_path)
     text = """
@@ -243,6 +247,7 @@ def test_an_estimate_that_is_not_determined_is_one_line(tmp_path, capsys):
     assert "a9" in said
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_team_without_a_common_measurement_is_said(tmp_path, capsys):
     path = team(tmp_path, loose="yes")
     assert main(["run", str(path), "--quick", "--out", str(tmp_path / "out")]) == 0
@@ -253,6 +258,7 @@ def test_team_without_a_common_measurement_is_said(tmp_path, capsys):
     assert list(held) == ["a0", "b0"]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_scenario_without_a_log_leaves_nothing_of_an_earlier_log(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["run", str(team(tmp_path)), "--quick", "--out", str(out)]) == 0

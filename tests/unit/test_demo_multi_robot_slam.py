@@ -29,6 +29,7 @@ def quick(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "draw_loop_figures", one_figure)
+        patch.setattr(demo, "QUICK_FRAMES", 3)
         return _run_quick(out)
 
 

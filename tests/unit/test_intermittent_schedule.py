@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from example_counts import FEWER
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from intermittent_teams import random_team_graph
 
@@ -92,6 +93,7 @@ def test_schedules_are_free_of_conflicts_and_periodic(graph, period):
 
 
 @given(GRAPHS, st.sampled_from(["used", "degree+1"]))
+@settings(max_examples=FEWER)
 def test_every_measurement_reaches_every_team_within_the_bound(graph, period):
     schedule = make_schedule(graph, period)
     bound = schedule.delay_bound

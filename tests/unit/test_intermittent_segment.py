@@ -7,7 +7,8 @@ from ast import literal_eval
 
 import numpy as np
 import pytest
-from hypothesis import given
+from example_counts import FEWER
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from intermittent_scenes import block_model, estimate_of, room, segment_problem
 
@@ -266,6 +267,7 @@ def test_samples_are_free_then_about_meeting_places(seed):
 
 
 @given(st.integers(0, 10_000))
+@settings(max_examples=FEWER)
 def test_short_ways_are_free_and_end_together(seed):
     generator = np.random.default_rng(seed)
     world = room()

@@ -143,6 +143,7 @@ def test_files_that_are_no_past_are_refused(tmp_path):
         read_tum_past(tmp_path / "none")
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_two_robots_are_planned_for_and_their_folder_runs_again(tmp_path, capsys):
     folder, out, again = two(tmp_path), tmp_path / "out", tmp_path / "again"
     assert main(["run", str(folder), "--quick", "--out", str(out)]) == 0

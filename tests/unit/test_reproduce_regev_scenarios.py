@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from fgplan.closed_loop.comparison import EVERYBODY
 from fgplan.errors import FgplanError, InvalidInputError
 from fgplan.io.command import CommandOptions
-from fgplan.reproduce.regev_scenarios import command
+from fgplan.reproduce.regev_scenarios import command, mission_run
 from fgplan.reproduce.regev_scenarios.command import (
     PUBLISHED,
     QUICK_CANDIDATES,
@@ -25,6 +26,8 @@ from fgplan.reproduce.regev_scenarios.scenario_summary import (
     trace_without_meetings,
 )
 from fgplan.simulation.sweep import SweepRecord, SweepSummary
+from fgplan.viz import loop_figures
+from fgplan.viz.loop_figures import draw_loop_figures
 
 LEAST_MISSION = "messages_reused in session 3 by robots that kept candidates, least mission"
 ROBOTS = ("red", "green", "blue", "purple")
@@ -59,12 +62,19 @@ def _here(tasks, function, *, out, workers, progress):
     return SweepSummary(records=tuple(records), skipped=0)
 
 
+def _draw_first_session(history, folder, workspace):
+    """The figures; those of the other sessions are no different (test_viz_loop_figures)."""
+    return draw_loop_figures(replace(history, sessions=history.sessions[:1]), folder, workspace)
+
+
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
     recorded = []
     folder = tmp_path_factory.mktemp("scenarios")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "run_sweep", _here)
+        patch.setattr(mission_run, "warm_up", lambda *_: None)  # nobody reads these times
+        patch.setattr(loop_figures, "draw_loop_figures", _draw_first_session)
         options = CommandOptions(
             out=folder, quick=True, record=recorded.append, arguments={"scenarios": "1,2"}
         )

@@ -27,7 +27,7 @@ LOSS_LIMIT = 1e5
 """Largest ratio of the terms of a diagonal entry of I_v to its pivot; beyond it, no bound."""
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _add_planar(
     cross: FloatArray, root: FloatArray, from_b: FloatArray, right: FloatArray, rows: FloatArray
 ) -> None:
@@ -47,7 +47,7 @@ def _add_planar(
         rows[2, j] = r22 * b2
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _add_state(
     factors: FactorBlocks,
     s: int,
@@ -105,7 +105,7 @@ def _add_state(
     return used
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _forward(
     i: int, carry: FloatArray, lower: FloatArray, right: FloatArray, chain_y: FloatArray
 ) -> None:

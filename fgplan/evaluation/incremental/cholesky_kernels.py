@@ -7,7 +7,7 @@ from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def cholesky_skyline(matrix: FloatArray, first: IntArray) -> bool:
     """Cholesky factor, lower triangle in place, of a matrix with zeros before a column in each row.
 
@@ -35,7 +35,7 @@ def cholesky_skyline(matrix: FloatArray, first: IntArray) -> bool:
     return True
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def inverse_skyline(lower: FloatArray, first: IntArray) -> FloatArray:
     """Inverse of a lower triangle with zeros before a column in each row; shape (n, n)."""
     size = lower.shape[0]
@@ -52,7 +52,7 @@ def inverse_skyline(lower: FloatArray, first: IntArray) -> FloatArray:
     return inverse
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def cholesky(matrix: FloatArray) -> tuple[bool, NDArray[np.floating]]:
     """Cholesky factor by LAPACK, which is as fast as a loop where small and faster where large.
 

@@ -11,7 +11,7 @@ from fgplan.compiling import njit
 from fgplan.typing import FloatArray, IntArray
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _differ(own: int, other: int, each_once: bool) -> bool:
     """Whether two robots make a pair."""
     return other < own if each_once else other != own
@@ -183,7 +183,7 @@ def motion_blocks(
     return late, cross, early
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _invert_symmetric(matrix: FloatArray, out: FloatArray) -> None:
     """Inverse of a symmetric positive definite 3 x 3 matrix: M = L D L', then back."""
     d0 = matrix[0, 0]

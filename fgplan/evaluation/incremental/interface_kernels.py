@@ -85,7 +85,7 @@ class Interface(NamedTuple):
     cross: FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def interface_room(variables: int, slots: int, steps: int, d: int) -> Interface:
     """Work space for a number of variables, slots and places of a path; ``cross`` is not set."""
     return Interface(
@@ -99,7 +99,7 @@ def interface_room(variables: int, slots: int, steps: int, d: int) -> Interface:
     )
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def gather_factors(
     factors: FactorBlocks,
     s: int,
@@ -135,7 +135,7 @@ def gather_factors(
     return count
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def split_full(
     big: FloatArray,
     cross: FloatArray,
@@ -172,7 +172,7 @@ def split_full(
     return True
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def split_pivoted(
     big: FloatArray,
     cross: FloatArray,
@@ -223,7 +223,7 @@ def split_pivoted(
     return rank, sound
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def split_slot(
     found: Interface, slot: int, width: IntArray, c_out: FloatArray, y_out: FloatArray
 ) -> tuple[int, bool, bool]:
@@ -241,7 +241,7 @@ def split_slot(
     return rank, False, fine and rank < size  # full rank, but no well-conditioned triangle
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def measure_variables(
     c: FloatArray,
     first: int,

@@ -43,7 +43,7 @@ from fgplan.evaluation.incremental.segment_pool import CandidateSegments, Segmen
 from fgplan.typing import BoolArray, FloatArray, IntArray
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _subtract_square(psi: FloatArray, merged: FloatArray, first: IntArray) -> None:
     """Psi -= Y'Y, lower triangle, from the first column of each row on."""
     total = merged.shape[0]
@@ -65,7 +65,7 @@ def _subtract_square(psi: FloatArray, merged: FloatArray, first: IntArray) -> No
                     target[j] -= value * row[j]
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _add_motion(
     late: FloatArray, cross: FloatArray, early: FloatArray, begin: int, psi: FloatArray
 ) -> None:
@@ -80,7 +80,7 @@ def _add_motion(
                     psi[i * d + a, (i - 1) * d + b] = cross[i, a, b]
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _add_segment(
     segments: SegmentPool,
     k: int,
@@ -235,7 +235,7 @@ def build_messages(
         _write_message(n, inverse, motion.cross[c, 0], read_steps[n], z, pool)
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _write_message(
     n: int,
     inverse: FloatArray,

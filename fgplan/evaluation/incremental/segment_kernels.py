@@ -113,7 +113,7 @@ def build_segments(
         )
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _build_segment(
     k: int,
     c: int,

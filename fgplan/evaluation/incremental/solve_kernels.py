@@ -25,7 +25,7 @@ LOSS_LIMIT = 1e4
 """Largest ratio of the terms of a diagonal entry to its pivot."""
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"}, inner=True)
 def _gather_slot(
     slot: int,
     first_slot: int,

@@ -59,7 +59,7 @@ class Criteria(NamedTuple):
     satisfied: FloatArray
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def measure_row(row: FloatArray, information: FloatArray) -> None:
     """Update every target that was measured, in place."""
     for o in range(0, row.shape[0], 3):
@@ -75,7 +75,7 @@ def measure_row(row: FloatArray, information: FloatArray) -> None:
         row[o + 2] = (c + det * jxx) * scale
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def predict_row(
     row: FloatArray, identity: bool, transition: FloatArray, process: FloatArray, t: int
 ) -> None:
@@ -101,7 +101,7 @@ def predict_row(
         row[o + 2] = c + process[q, i, 2]
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def propagate_row(
     row: FloatArray,
     information: FloatArray,
@@ -142,7 +142,7 @@ def read_numbers(row: FloatArray, function: int, out: FloatArray) -> None:
             out[i] = 0.5 * (a + c) + np.sqrt(half * half + b * b)
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _joint(numbers: FloatArray, function: int) -> float:
     """That number of the joint covariance; of a determinant its logarithm."""
     total = 0.0
@@ -168,7 +168,7 @@ def total_of(numbers: FloatArray, criteria: Criteria) -> float:
     return float(np.exp(joint)) if criteria.objective == DETERMINANT else joint
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def shortfall_of(numbers: FloatArray, criteria: Criteria, satisfied: BoolArray) -> float:
     """How far from the terminal constraint (at most one iff it holds), and who is satisfied.
 
@@ -192,7 +192,7 @@ def shortfall_of(numbers: FloatArray, criteria: Criteria, satisfied: BoolArray) 
     return joint / threshold[0]
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_below(low: FloatArray, high: FloatArray) -> bool:
     """Whether covariances are at most others in the Loewner order, every target."""
     for o in range(0, low.shape[0], 3):

@@ -37,7 +37,7 @@ from fgplan.planners.aia.tree_kernels import (
 from fgplan.typing import FloatArray, IntArray
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_dominated(
     head: int,
     next_in_group: IntArray,
@@ -111,7 +111,7 @@ def append_node(
     return k
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def extend_group(
     setting: Setting,
     settings: Settings,

@@ -41,7 +41,7 @@ class Sight(NamedTuple):
     fixed: bool
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def pair_information(
     sight: Sight,
     obstacles: Obstacles,
@@ -86,7 +86,7 @@ def pair_information(
     return looked, jxx, jxy, jyy
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def remember_information(sight: Sight, obstacles: Obstacles, poses: Poses, row: int) -> None:
     """Enter what is learnt at a pose about targets that stay, once."""
     if poses.first[row] >= 0:
@@ -109,7 +109,7 @@ def remember_information(sight: Sight, obstacles: Obstacles, poses: Poses, row: 
     poses.counts[ENTRY_COUNT] = place
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def sum_remembered(
     rows: IntArray,
     first: IntArray,

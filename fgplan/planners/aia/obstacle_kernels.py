@@ -47,7 +47,7 @@ class Obstacles(NamedTuple):
     to_cells: FloatArray
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _squared_distance(px: float, py: float, cx: float, cy: float, dx: float, dy: float) -> float:
     """Squared distance of a point to segment cd."""
     ux, uy = dx - cx, dy - cy
@@ -58,7 +58,7 @@ def _squared_distance(px: float, py: float, cx: float, cy: float, dx: float, dy:
     return ox * ox + oy * oy
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def touches_polygon(
     obstacles: Obstacles, ax: float, ay: float, bx: float, by: float, clearance_m: float
 ) -> bool:
@@ -107,7 +107,7 @@ def touches_polygon(
     return False
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _cell_touched(cells: BoolArray, column: float, row: float) -> bool:
     """Whether a point touches a marked cell of a grid with a border."""
     rows, columns = cells.shape[0] - 2, cells.shape[1] - 2
@@ -118,7 +118,7 @@ def _cell_touched(cells: BoolArray, column: float, row: float) -> bool:
     return bool(cells[r0, c0] or cells[r1, c1] or cells[r0, c1] or cells[r1, c0])
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _next_line(start: float, step: float, line: float) -> float:
     """Parameter at which a coordinate reaches a grid line; 2 where it never does."""
     if step == 0.0:
@@ -126,7 +126,7 @@ def _next_line(start: float, step: float, line: float) -> float:
     return (line - start) / step
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def touches_cells(
     cells: BoolArray, to_cells: FloatArray, ax: float, ay: float, bx: float, by: float
 ) -> bool:

@@ -89,21 +89,21 @@ def find_cell(frame: FloatArray, x: float, y: float) -> int:
     return row * int(frame[3]) + column
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _digits(x: float, y: float, heading: float) -> tuple[int, int, int]:
     """Whole micrometres and millionths of a turn: poses with the same are one."""
     turns = int(np.floor(heading / (2.0 * np.pi) * PER_TURN + 0.5)) % int(PER_TURN)
     return int(np.floor(x * PER_METRE + 0.5)), int(np.floor(y * PER_METRE + 0.5)), turns
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _mixed(kx: int, ky: int, kh: int, kind: int) -> int:
     """Hash of a pose."""
     mixed = (kx * 73856093) ^ (ky * 19349663) ^ (kh * 83492791) ^ (kind * 50331653)
     return mixed ^ (mixed >> 15)
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def place_of(pose: FloatArray, kind: int) -> int:
     """Hash of a pose in the table."""
     kx, ky, kh = _digits(pose[0], pose[1], pose[2])
@@ -184,7 +184,7 @@ def follow_controls(
             ax, ay = bx, by
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def remember_successors(
     poses: Poses,
     motions: Motions,

@@ -71,7 +71,7 @@ def draw_group(
     return int(deepest[0])
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def draw_member(
     head: int,
     tail: int,
@@ -89,7 +89,7 @@ def draw_member(
     return node
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, controls: int) -> int:
     """Free control whose end is nearest by geodesic distance; -1 where none reaches."""
     best = -1
@@ -101,7 +101,7 @@ def _nearest_end(distances: FloatArray, cells: IntArray, found: IntArray, contro
     return best
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _nearest_heading(
     distances: FloatArray,
     frame: FloatArray,
@@ -133,7 +133,7 @@ def _nearest_heading(
     return best
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _widest_turn(
     before: FloatArray, ends: FloatArray, found: IntArray, controls: int, target: FloatArray
 ) -> int:
@@ -152,7 +152,7 @@ def _widest_turn(
     return best
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _chosen(
     preferred: int,
     p_control: float,
@@ -181,14 +181,14 @@ def _chosen(
     return -1
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_finished(setting: Setting, tree: Tree, scratch: Scratch, node: int) -> bool:
     """Whether a node satisfies the terminal constraint, wherever the robots are."""
     read_numbers(tree.covariance[node], setting.criteria.terminal, scratch.numbers)
     return shortfall_of(scratch.numbers, setting.criteria, scratch.satisfied) <= 1.0
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _fill_controls(
     setting: Setting,
     poses: Poses,
@@ -225,7 +225,7 @@ def _fill_controls(
     return int(controls)
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def _preferred_control(
     setting: Setting,
     circle: bool,
@@ -268,7 +268,7 @@ def _preferred_control(
     return -1
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def draw_remembered(
     begin: int,
     rows: IntArray,

@@ -62,7 +62,7 @@ class Heard(NamedTuple):
     taken: BoolArray
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def hear_neighbours(
     setting: Setting,
     links: Links,
@@ -119,7 +119,7 @@ def hear_neighbours(
     return count
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_there(tree: Tree, source: IntArray, node: int, k: int, used: IntArray) -> bool:
     """Whether a node has a child in a group that was made with the same nodes of others."""
     child = tree.first_child[node]
@@ -189,7 +189,7 @@ def enter_node(
     return k
 
 
-@njit(inline="always", **UNCOUNTED)
+@njit(inner=True, inline="always", **UNCOUNTED)
 def extend_robot(
     setting: Setting,
     settings: Settings,

@@ -89,7 +89,7 @@ class Links(NamedTuple):
     literal: bool
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def log_determinant(row: FloatArray) -> float:
     """Log-determinant of the joint covariance of independent planar targets."""
     total = 0.0
@@ -98,7 +98,7 @@ def log_determinant(row: FloatArray) -> float:
     return total
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def link_child(first_child: IntArray, next_sibling: IntArray, parent: int, child: int) -> None:
     """Enter a child among its siblings, greatest number first."""
     before = -1

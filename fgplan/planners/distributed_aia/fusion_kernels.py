@@ -22,7 +22,7 @@ CLEARLY = 1.0 - 1e-9
 """A determinant below that share of another is less by more than rounding."""
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def predict_lag(row: FloatArray, dynamics: Dynamics, t: int, lag: int) -> None:
     """Predict a covariance of time t - lag forward to t, in place."""
     if dynamics.still:
@@ -31,7 +31,7 @@ def predict_lag(row: FloatArray, dynamics: Dynamics, t: int, lag: int) -> None:
         predict_row(row, dynamics.identity, dynamics.transition, dynamics.process, s)
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def fuse_rows(
     row: FloatArray,
     heard: FloatArray,
@@ -87,7 +87,7 @@ def fuse_rows(
         row[o + 2] = xx / det
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_near(ax: float, ay: float, bx: float, by: float, range_m: float) -> bool:
     """Whether two positions are within a distance."""
     if range_m == np.inf:

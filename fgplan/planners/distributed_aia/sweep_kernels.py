@@ -47,7 +47,7 @@ FULL = 2
 """In ``counts[PENDING]``: the robot's node budget is spent; it makes no more nodes."""
 
 
-@njit(inline="always", **UNCOUNTED)
+@njit(inner=True, inline="always", **UNCOUNTED)
 def iterate(
     setting: Setting,
     settings: Settings,

@@ -59,7 +59,7 @@ class Readings(NamedTuple):
     value: FloatArray
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def copy_matrix(source: FloatArray, out: FloatArray) -> None:
     """Element by element: a slice would be copied through memory of its own."""
     for i in range(source.shape[0]):
@@ -67,7 +67,7 @@ def copy_matrix(source: FloatArray, out: FloatArray) -> None:
             out[i, j] = source[i, j]
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def total_uncertainty(covariance: FloatArray, metric: int) -> float:
     """Uncertainty of the block-diagonal covariance of all targets, shape (M, s, s)."""
     total = 1.0 if metric == DETERMINANT else 0.0
@@ -82,7 +82,7 @@ def total_uncertainty(covariance: FloatArray, metric: int) -> float:
     return total
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def predict_targets(
     targets: Targets, time: int, covariance: FloatArray, mean: FloatArray, work: FloatArray
 ) -> None:
@@ -150,7 +150,7 @@ def run_filter(
         uncertainty[time - start - 1] = total_uncertainty(covariance, metric)
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def follow_places(
     targets: Targets,
     sensors: FloatArray,

@@ -28,7 +28,7 @@ NEAREST = 1e-9
 LARGEST_EIGENVALUE, TRACE, DETERMINANT = 1, 2, 3
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_visible(
     sensor: FloatArray, obstacles: Obstacles, px: float, py: float, target: FloatArray
 ) -> bool:
@@ -45,13 +45,13 @@ def is_visible(
     return in_sight(obstacles, px, py, target[0], target[1])
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def row_count(sensor: FloatArray, size: int) -> int:
     """Rows of one measurement."""
     return size if sensor[CODE] == POSITION else int(sensor[ROWS])
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def measurement_row(
     sensor: FloatArray, k: int, px: float, py: float, target: FloatArray
 ) -> tuple[float, float, float, float, float]:
@@ -75,13 +75,13 @@ def measurement_row(
     return ox / length, oy / length, oz / length, sigma * sigma, length
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_angle(sensor: FloatArray, k: int) -> bool:
     """Whether a row measures an angle."""
     return bool(sensor[CODE] == BEARING or (sensor[CODE] == BEARING_RANGE and k == 0))
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def update_block(
     covariance: FloatArray,
     mean: FloatArray,
@@ -119,7 +119,7 @@ def update_block(
         covariance[2, 2] -= g2 * g2 / spread
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def predict_block(
     covariance: FloatArray, transition: FloatArray, process: FloatArray, work: FloatArray
 ) -> None:

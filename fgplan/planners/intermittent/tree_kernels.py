@@ -167,7 +167,7 @@ def is_way_free(obstacles: Obstacles, space: Space, start: FloatArray, end: Floa
     return True
 
 
-@njit(**UNCOUNTED)
+@njit(inner=True, **UNCOUNTED)
 def is_way_some(start: FloatArray, end: FloatArray) -> bool:
     """Whether some body moves at all between two joint positions."""
     moved = False
