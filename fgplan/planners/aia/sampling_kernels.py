@@ -71,7 +71,7 @@ def draw_group(
     return int(deepest[0])
 
 
-@njit(inner=True, **UNCOUNTED)
+@njit(**UNCOUNTED)
 def draw_member(
     head: int,
     tail: int,
