@@ -5,6 +5,7 @@ Every method takes one pose, shape (3,), or poses of several robots, shape (N, 3
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -38,6 +39,11 @@ class DenseWorld:
     p_control: float = 0.9
     every_row: bool = False
     seen_of: dict = field(default_factory=dict)
+
+    @cached_property
+    def reach(self) -> float:
+        """Distance of the farthest waypoint, metres."""
+        return float(np.linalg.norm(self.waypoints, axis=-1).max())
 
     def at(self, series: np.ndarray, time: int) -> np.ndarray:
         """Entry of a series at a time; the last one for ever."""
@@ -76,10 +82,9 @@ class DenseWorld:
         if not self.body:
             return distance
         # A thousandth counts where the heading would lead.
-        reach = float(np.linalg.norm(self.waypoints, axis=-1).max())
         heading = np.stack([np.cos(ends[..., 2]), np.sin(ends[..., 2])], axis=-1)
-        ahead = self.distance[fields, self.cells(ends[..., :2] + reach * heading)]
-        return distance + 1e-3 * np.minimum(ahead, distance + 2.0 * reach)
+        ahead = self.distance[fields, self.cells(ends[..., :2] + self.reach * heading)]
+        return distance + 1e-3 * np.minimum(ahead, distance + 2.0 * self.reach)
 
     def measurements(
         self, poses: np.ndarray, time: int
