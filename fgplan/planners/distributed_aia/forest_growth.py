@@ -248,11 +248,10 @@ class ForestGrowth:
             self.forest,
             row,
             nodes.first,
-            nodes.parents,
-            nodes.depths,
-            nodes.covariances,
-            nodes.assigned,
-            nodes.positions,
+            *map(
+                _read_only,
+                (nodes.parents, nodes.depths, nodes.covariances, nodes.assigned, nodes.positions),
+            ),
         )
 
     @property
@@ -365,3 +364,10 @@ class ForestGrowth:
             while room < nodes:
                 room *= 2
             self.forest = with_room(self.forest, room)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    """A view as of a decoded message: one type of arrays, for which a kernel is compiled once."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
