@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scenes
-from hypothesis import assume, given
+from example_counts import FEWER
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fgplan.evaluation.evaluations import TIE_TOLERANCE, weigh
@@ -96,6 +97,7 @@ def with_noise(problem, paths, sigma, odometry):
     noise=st.sampled_from([None, None, (1e-3, 0.1), (1e-5, 1e-3), (1.0, 1e-4)]),
     data=st.data(),
 )
+@settings(max_examples=FEWER)
 def test_the_choice_is_that_of_evaluating_all(seed, options, noise, data):
     # 1000 m beside 1e-5 m: the joint determinant of two robots is lost in 64 bits, QR says so too
     assume(noise != (1e-5, 1e-3) or options["prior_sigma"] < 100.0)
@@ -125,6 +127,7 @@ def test_the_choice_is_that_of_evaluating_all(seed, options, noise, data):
 
 
 @given(seed=st.integers(0, 2**20), options=SCENES)
+@settings(max_examples=FEWER)
 def test_bounds_are_below_the_values(seed, options):
     """Every term; to rounding, which reaches 1e-8 where starts are known to 1000 m only."""
     problem, paths = scenes.random_scene(np.random.default_rng(seed), steps=(2, 5), **options)

@@ -121,7 +121,8 @@ def hold_segments(
     places = {} if carried is None else carried.places
     old = np.array([places.get(name, -1) for name in names], np.int64)
     fresh = np.flatnonzero(old < 0)
-    candidate, begins, beyond = np.array(where, np.int64)[fresh].T
+    # Contiguous however many there are: kernels are compiled for one layout.
+    candidate, begins, beyond = np.ascontiguousarray(np.array(where, np.int64)[fresh].T)
     slots = count_slots(candidate, begins, beyond, table.states, fixed, len(width))
     dim = table.motion.late.shape[2]
     pool = segment_room(beyond - begins, slots, dim)

@@ -234,11 +234,10 @@ class ForestGrowth(Ground):
             self.forest,
             row,
             nodes.first,
-            nodes.parents,
-            nodes.depths,
-            nodes.covariances,
-            nodes.assigned,
-            nodes.positions,
+            *map(
+                _read_only,
+                (nodes.parents, nodes.depths, nodes.covariances, nodes.assigned, nodes.positions),
+            ),
         )
 
     @property
@@ -324,3 +323,10 @@ class ForestGrowth(Ground):
             while room < nodes:
                 room *= 2
             self.forest = with_room(self.forest, room)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    """A view as of a decoded message: one type of arrays, for which a kernel is compiled once."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -7,6 +7,8 @@ What is called in one place is inlined: LLVM optimises every level of calls anew
 long again to compile.
 """
 
+import numpy as np
+
 from fgplan.compiling import njit
 from fgplan.planners.aia.assignment_kernels import Fields
 from fgplan.planners.aia.compilation import UNCOUNTED
@@ -84,8 +86,9 @@ def iterate(
             settings.uniform_after_goal and not settings.stop_at_goal and counts[GOALS] > 0
         )
         k = draw_group(counts, tree.deepest, tree.stamp, settings.p_group, uniform, stream)
+        begin = np.int64(0)  # a literal would have draw_remembered compiled twice
         if not draw_controls(
-            setting, settings, poses, tree, k, uniform, False, 0, ends, cells, found, stream
+            setting, settings, poses, tree, k, uniform, False, begin, ends, cells, found, stream
         ):
             counts[REJECTED] += 1
             counts[ITERATIONS] += 1
