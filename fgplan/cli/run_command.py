@@ -123,10 +123,8 @@ def summary_lines(plan: Plan) -> list[str]:
         Lines to print.
     """
     lines = [f"{plan.mission}: planner {plan.planner}, seed {plan.seed}"]
-    looks = "target_covariances" in plan.details
-    lines += [_robot_line(item, pose_is_known=looks) for item in plan.robots]
-    if looks:
-        lines += _target_lines(plan)
+    lines += [_robot_line(item) for item in plan.robots]
+    lines += _target_lines(plan)
     if plan.objective:
         first, last = plan.objective[0].value, plan.objective[-1].value
         count = len(plan.objective) - 1
@@ -141,7 +139,7 @@ def summary_lines(plan: Plan) -> list[str]:
     return lines + [f"warning: {warning}" for warning in plan.warnings]
 
 
-def _robot_line(item: RobotPlan, *, pose_is_known: bool) -> str:
+def _robot_line(item: RobotPlan) -> str:
     """What one robot is to do and what it will know of where it is."""
     if item.path is None:
         return f"  {item.robot}: stays"
@@ -149,7 +147,7 @@ def _robot_line(item: RobotPlan, *, pose_is_known: bool) -> str:
     if item.candidate >= 0:
         line += f"candidate {item.candidate} of {item.candidates}, "
     line += f"{item.path.length_m:.1f} m in {item.path.times_s[-1]:.1f} s"
-    if len(item.covariances) and not pose_is_known:
+    if len(item.covariances):
         spread = world_position_covariances(item.poses, item.covariances)
         sigma = np.sqrt(np.trace(spread[-1]))
         line += f", position on arrival to {sigma:.3g} m (1 sigma)"
@@ -158,10 +156,17 @@ def _robot_line(item: RobotPlan, *, pose_is_known: bool) -> str:
 
 def _target_lines(plan: Plan) -> list[str]:
     """What a plan that gathers information will know of the targets at its end."""
-    last = np.array(plan.details["target_covariances"][-1])
-    by = f" at {plan.details['seen_by']}" if "seen_by" in plan.details else ""
-    lines = [f"  after {plan.details['horizon']} steps{by}:"]
-    if last.ndim == 3:  # independent targets in the plane
+    details = plan.details
+    if "target_covariances" in details:
+        last = np.array(details["target_covariances"][-1])
+    elif "target_covariance_at_end" in details:
+        last = np.array(details["target_covariance_at_end"])
+    else:
+        return []
+    steps = max([item.path.steps for item in plan.robots if item.path is not None], default=0)
+    by = f" at {details['seen_by']}" if "seen_by" in details else ""
+    lines = [f"  after {steps} steps{by}:"]
+    if last.ndim == 3:  # independent targets
         sigmas = np.sqrt(np.linalg.eigvalsh(last)[:, -1])
         names = plan.details["targets"]
         known = (f"{name} to {sigma:.3g} m" for name, sigma in zip(names, sigmas, strict=True))

@@ -31,7 +31,7 @@ def draw_run_figures(folder: Path) -> tuple[Path, ...]:
     workspace = record.workspace.workspace()
     team = tuple(record.goals)
     figures = {}
-    if any(record.candidates.values()):
+    if any(len(paths) > 1 for paths in record.candidates.values()):
         figures["candidate_paths"] = candidate_paths_figure(
             record.candidates, workspace=workspace, goals=record.goals
         )
@@ -40,11 +40,15 @@ def draw_run_figures(folder: Path) -> tuple[Path, ...]:
             record.chosen,
             record.covariances,
             joined=record.joined,
+            targets=record.targets,
+            target_covariances=record.target_covariances,
             landmarks=record.landmarks or None,
             workspace=workspace,
-            goals={robot: record.goals[robot] for robot in record.chosen},
+            # Whoever gathers information goes where that is, not to a goal.
+            goals={robot: record.goals[robot] for robot in record.chosen if not record.targets},
+            team=team,
         )
-    if record.values:
+    if len(record.values) > 1:
         figures["objective"] = objective_history_figure(
             record.values, record.announced_by, team=team
         )

@@ -18,6 +18,7 @@ from fgplan.planners.impacted_paths.candidates import candidate_sets
 from fgplan.planners.impacted_paths.options import CandidateOptions
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan
+from fgplan.typing import FloatArray
 from fgplan.viz.ellipse import world_position_covariances
 
 DRAWN_IMPACTS = 2
@@ -37,6 +38,7 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
         The record.
     """
     candidates = draw_candidates(mission, plan)
+    targets = target_tracks(plan)
     known = [item for item in plan.objective if np.isfinite(item.value)]
     return RunRecord(
         name=mission.name,
@@ -50,11 +52,42 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
             if item.path is not None and len(item.covariances)
         },
         joined=joined_states(mission, plan.paths),
+        targets=targets,
+        target_covariances=dict(zip(targets, _target_covariances(plan), strict=True))
+        if targets
+        else {},
         landmarks=mission.prior.landmarks(),
         values=tuple(item.value for item in known),
         announced_by=tuple(item.robot or "all" for item in known),
         impacts=_impacts(mission, candidates, plan.details.get("turns", ())),
     )
+
+
+def target_tracks(plan: Plan) -> dict[str, FloatArray]:
+    """Where the targets of a plan that gathers information are expected.
+
+    Args:
+        plan: The plan.
+
+    Returns:
+        Shape (S, 2) by target, metres, world frame; empty of plans that have no targets, or whose
+        targets are no points.
+    """
+    names = plan.details.get("targets", ())
+    means = np.array(plan.details.get("target_means", ()), dtype=np.float64)
+    if not names or means.ndim < 2 or not len(_target_covariances(plan)):
+        return {}
+    places = means.reshape(len(means), len(names), -1)[..., :2]
+    return {name: places[:, number] for number, name in enumerate(names)}
+
+
+def _target_covariances(plan: Plan) -> FloatArray:
+    """Shape (M, K, 2, 2): at start and end, or the end alone; (0,) if targets are no points."""
+    every = np.array(plan.details.get("target_covariances", ()), dtype=np.float64)
+    if every.ndim == 4:  # steps, targets
+        return np.swapaxes(every[[0, -1]], 0, 1)[..., :2, :2]
+    last = np.array(plan.details.get("target_covariance_at_end", ()), dtype=np.float64)
+    return last[:, None, :2, :2] if last.ndim == 3 else np.zeros(0)
 
 
 def draw_candidates(mission: Mission, plan: Plan) -> dict[str, tuple[CandidatePath, ...]]:

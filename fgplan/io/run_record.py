@@ -125,6 +125,9 @@ class RunRecord:
         covariances: Shape (L + 1, 2, 2) by robot: position along the chosen path, square metres,
             world frame.
         joined: States that multi-robot factors join along the chosen paths.
+        targets: Shape (S, 2) by target: where it is expected at each step, metres, world frame.
+        target_covariances: Shape (K, 2, 2) by target, square metres: at start and end, or at the
+            end alone.
         landmarks: Position of each mapped landmark by key, metres.
         values: Objective after round 0 and after each accepted announcement.
         announced_by: Robot that made each, as many names as values.
@@ -138,6 +141,8 @@ class RunRecord:
     chosen: Mapping[str, CandidatePath]
     covariances: Mapping[str, FloatArray] = field(default_factory=dict)
     joined: Pairs = ()
+    targets: Mapping[str, FloatArray] = field(default_factory=dict)
+    target_covariances: Mapping[str, FloatArray] = field(default_factory=dict)
     landmarks: Mapping[Key, FloatArray] = field(default_factory=dict)
     values: tuple[float, ...] = ()
     announced_by: tuple[str, ...] = ()

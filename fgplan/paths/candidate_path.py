@@ -19,6 +19,9 @@ from fgplan.models.pose import PLANAR_DIM, SPATIAL_DIM
 from fgplan.paths.state import State
 from fgplan.typing import Covariance, FloatArray, Key
 
+KNOWN_MOTION = 1e-12
+"""Variance of a motion step of robots whose poses a planner takes as known; a path needs some."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:

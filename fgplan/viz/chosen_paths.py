@@ -33,6 +33,7 @@ from fgplan.viz.map_drawing import (
     state_position,
 )
 from fgplan.viz.palette import UNCHANGED, robot_styles
+from fgplan.viz.target_drawing import TARGET_COLOR, TARGET_SIGMAS, draw_targets
 from roadmaps import Workspace
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ def chosen_paths_figure(
     joined: Sequence[tuple[State, State]] = (),
     landmarks: Mapping[Key, ArrayLike] | None = None,
     workspace: Workspace | None = None,
+    targets: Mapping[str, ArrayLike] | None = None,
+    target_covariances: Mapping[str, ArrayLike] | None = None,
     roadmap: nx.Graph | None = None,
     goals: Mapping[str, ArrayLike] | None = None,
     current_goals: Mapping[str, int] | None = None,
@@ -68,6 +71,9 @@ def chosen_paths_figure(
         landmarks: Position of each mapped landmark by key, metres; the paths' planned
             observations are drawn to them.
         workspace: Bounds and obstacles; None takes the extent of the paths.
+        targets: Shape (S, 2) by target: where it is expected at each step, metres, world frame.
+        target_covariances: Shape (K, 2, 2) by target, square metres: the earlier drawn the paler,
+            the last at its last place; to scale, ``TARGET_SIGMAS`` standard deviations.
         roadmap: Drawn in the background.
         goals: Shape (G, 2) or (2,) by robot; None marks the paths' ends.
         current_goals: Number of the goal that a robot heads for, from 1; its disc is filled.
@@ -117,6 +123,8 @@ def chosen_paths_figure(
         picture.entry(f"multi-robot factor ({len(pairs)})", color=UNCHANGED, lw=1.4)
     if landmarks:
         _draw_observations(picture, axes, paths, lines, landmarks)
+    if targets:
+        _draw_targets(picture, axes, targets, target_covariances or {})
     ends = {robot: line[-1] for robot, line in lines.items()}
     draw_goals(picture, axes, ends if goals is None else goals, styles, current_goals)
     if len(np.asarray(true_landmarks)):
@@ -140,6 +148,35 @@ def _checked(
         name = f"position covariances of robot {robot!r}"
         checked[robot] = check_finite(given, name, (len(lines[robot]), 2, 2))
     return checked
+
+
+def _draw_targets(
+    picture: MapPicture,
+    axes: "Axes",
+    targets: Mapping[str, ArrayLike],
+    covariances: Mapping[str, ArrayLike],
+) -> None:
+    """Draw each target's expected way and how well its place is known, from pale to dark."""
+    moments = 0
+    for name, given in targets.items():
+        track = check_finite(given, f"track of target {name!r}", (None, 2))
+        blocks = np.zeros((0, 2, 2))
+        if name in covariances:
+            blocks = check_finite(
+                covariances[name], f"covariances of target {name!r}", (None, 2, 2)
+            )
+        moments = max(moments, len(blocks))
+        axes.plot(*track.T, color=TARGET_COLOR, lw=0.6, alpha=0.6, zorder=3.6)
+        for place, block in enumerate(blocks, start=1):
+            where = track[-1 if place == len(blocks) else 0]
+            draw_targets(axes, where[None], block[None], 0.4 if place < len(blocks) else 1.0)
+        axes.plot(*track[-1], ".", color=TARGET_COLOR, ms=6, zorder=6)
+        axes.annotate(
+            name, track[-1], (4.0, 4.0), textcoords="offset points", fontsize=8, color=TARGET_COLOR
+        )
+    when = {0: "", 1: f",\n{TARGET_SIGMAS:g}σ at the end"}
+    text = when.get(moments, f",\n{TARGET_SIGMAS:g}σ at start and end")
+    picture.entry(f"target{text}", color=TARGET_COLOR, marker="o", ls="", ms=5)
 
 
 def _draw_observations(

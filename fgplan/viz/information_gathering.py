@@ -17,18 +17,16 @@ from fgplan.planners.aia.mission_problem import target_positions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.typing import BoolArray, FloatArray
-from fgplan.viz.ellipse import ellipse_outlines
 from fgplan.viz.figure import matplotlib_module, new_figure
 from fgplan.viz.map_drawing import MapPicture, draw_lines, draw_workspace
 from fgplan.viz.palette import robot_styles
+from fgplan.viz.target_drawing import TARGET_COLOR, TARGET_SIGMAS, draw_targets
 from fgplan.viz.uncertainty_label import uncertainty_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SIGMAS = 2.0
-_TARGET = "#444444"
 _LINK = "#56B4E9"
 _MOMENTS = ((0.0, 0.25), (0.5, 0.5), (1.0, 1.0))
 
@@ -68,9 +66,13 @@ def draw_team_path(
         picture.entry(f"sensing range {reach:g} m,\nat the end", color="#888888", ls=":")
     for share, alpha in _MOMENTS:
         step = round(share * path.horizon)
-        _draw_targets(axes, places[step], path.covariances[step], alpha)
+        draw_targets(axes, places[step], path.covariances[step], alpha)
     picture.entry(
-        f"target, {_SIGMAS:g}σ at start,\nhalf way and end", color=_TARGET, marker="o", ls="", ms=5
+        f"target, {TARGET_SIGMAS:g}σ at start,\nhalf way and end",
+        color=TARGET_COLOR,
+        marker="o",
+        ls="",
+        ms=5,
     )
     if not problem.fixed:
         for i in range(problem.targets):
@@ -163,10 +165,12 @@ def _frames(
         if np.isfinite(reach):
             _draw_reach(axes, problem, path.poses[step], reach)
             picture.entry(f"sensing range {reach:g} m", color="#888888", ls=":")
-        _draw_targets(axes, places[step], path.covariances[step], 1.0)
+        draw_targets(axes, places[step], path.covariances[step], 1.0)
         picture.entry("start of a robot", color="#888888", marker="*", ms=12, ls="")
         picture.entry("robot, with its way", color="#888888", marker="s", ms=7)
-        picture.entry(f"target with its {_SIGMAS:g}σ", color=_TARGET, marker="o", ls="", ms=5)
+        picture.entry(
+            f"target with its {TARGET_SIGMAS:g}σ", color=TARGET_COLOR, marker="o", ls="", ms=5
+        )
         if links is not None:
             _draw_links(axes, path.poses[step], links[step])
         figure = picture.finish(f"step {step} of {path.horizon}")
@@ -207,13 +211,6 @@ def _draw_reach(
             pose[:2], reach_m, fill=False, ec=styles[robot.name].color, lw=0.8, ls=":", zorder=2
         )
         axes.add_patch(circle)
-
-
-def _draw_targets(axes: "Axes", places: FloatArray, covariances: FloatArray, alpha: float) -> None:
-    """Targets with their ellipses."""
-    for outline in ellipse_outlines(places, covariances, _SIGMAS):
-        axes.plot(*outline.T, color=_TARGET, lw=0.9, alpha=alpha, zorder=6)
-    axes.plot(*places.T, ".", color=_TARGET, ms=4, alpha=alpha, zorder=6)
 
 
 def _check(path: TeamPath) -> None:

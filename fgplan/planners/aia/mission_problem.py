@@ -1,8 +1,8 @@
 """A mission as an acquisition problem, and a team's path as a plan.
 
 For every planner that gathers information: one is swapped for another by its name in the scenario.
-Poses are taken as known: their covariances in the plan are a square micrometre. What the plan is
-about, the targets' covariances, is in ``details``.
+Poses are taken as known, so the plan holds no covariances of poses. What it is about, the targets'
+covariances, is in ``details``.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from fgplan.errors import FgplanError, InvalidInputError, NoCandidatePathError, 
 from fgplan.evaluation.registry import find_object
 from fgplan.models.hidden_state import HiddenBlock, HiddenState
 from fgplan.models.motion_primitives import MotionPrimitives, differential_drive, first_order
-from fgplan.paths.candidate_path import CandidatePath
+from fgplan.paths.candidate_path import KNOWN_MOTION, CandidatePath
 from fgplan.planners.aia.problem import (
     SCALED,
     AcquisitionProblem,
@@ -31,7 +31,6 @@ from fgplan.planners.mission import Mission
 from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
 from fgplan.typing import FloatArray
 
-_KNOWN_POSE = 1e-12
 _WHOLE = 1e-9
 
 
@@ -231,14 +230,14 @@ def mission_plan(
                 robot=robot.name,
                 poses=poses,
                 times_s=np.arange(len(poses), dtype=np.float64) * robot.primitives.step_s,
-                motion_covariances=np.tile(_KNOWN_POSE * np.eye(3), (path.horizon, 1, 1)),
+                motion_covariances=np.tile(KNOWN_MOTION * np.eye(3), (path.horizon, 1, 1)),
             )
         robots.append(
             RobotPlan(
                 robot=robot.name,
                 start=robot.pose,
                 path=own,
-                covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(poses), 1, 1)),
+                covariances=np.zeros((0, 3, 3)),
                 goals=by_name[robot.name].goals,
                 candidates=len(robot.primitives),
             )

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from fgplan.errors import InvalidInputError, NoCandidatePathError
-from fgplan.paths.candidate_path import CandidatePath
+from fgplan.paths.candidate_path import KNOWN_MOTION, CandidatePath
 from fgplan.planners.intermittent.estimate import Estimate, Filtered, Record
 from fgplan.planners.intermittent.robot_state import MeetingRecord, TeamSetup
 from fgplan.planners.intermittent.team_run import TeamRun
@@ -18,8 +18,6 @@ from fgplan.planners.intermittent.world_robot import WorldRobot
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
 from fgplan.typing import FloatArray
-
-_KNOWN_POSE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,14 +195,14 @@ def plan_of_course(
             robot=name,
             poses=poses,
             times_s=np.arange(len(poses), dtype=np.float64) * step_s,
-            motion_covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(ways), 1, 1)),
+            motion_covariances=np.tile(KNOWN_MOTION * np.eye(3), (len(ways), 1, 1)),
         )
         robots.append(
             RobotPlan(
                 robot=name,
                 start=poses[0],
                 path=path,
-                covariances=np.tile(_KNOWN_POSE * np.eye(3), (len(poses), 1, 1)),
+                covariances=np.zeros((0, 3, 3)),
                 goals=goals[name],
             )
         )
