@@ -111,6 +111,13 @@ def _add_team(parser: argparse.ArgumentParser) -> None:
         "--gather", metavar="DIR", help="plan of what robots that ran elsewhere wrote into DIR"
     )
     parser.add_argument(
+        "--start-wait-s",
+        metavar="S",
+        type=_seconds,
+        help="seconds that processes wait for the whole team before they begin without some whose "
+        "processes have not ended (default: 120)",
+    )
+    parser.add_argument(
         "--time-limit-s", metavar="S", type=_seconds, help="seconds after which robots give up"
     )
     _add_common(parser, seeds=False)

@@ -7,10 +7,8 @@ feasible plan.
 import argparse
 import dataclasses
 import math
-import os
 import sys
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import msgspec
@@ -21,6 +19,7 @@ from fgplan.io.network_table import make_network
 from fgplan.io.place import Place
 from fgplan.planners.planner import Progress
 from fgplan.processes.child import ProgressLine
+from fgplan.processes.parent import Parent
 from fgplan.processes.robot_file import RobotFile, write_robot
 from fgplan.processes.robot_process import run_participant
 
@@ -55,8 +54,10 @@ def run_robot_command(arguments: argparse.Namespace, progress: Progress) -> tupl
             multicast=network.multicast and not arguments.child,
         )
     until: Callable[[], bool] | None = None
+    ended: Callable[[], Collection[str]] | None = None
     if arguments.child:
-        progress, until = _say_line, _parent_has_gone()
+        parent = Parent()
+        progress, until, ended = _say_line, parent.has_gone, parent.ended
     else:
         progress(0, 0, "compiling")
         with planning(run):
@@ -74,11 +75,16 @@ def run_robot_command(arguments: argparse.Namespace, progress: Progress) -> tupl
         time_limit_s=math.inf if arguments.time_limit_s is None else arguments.time_limit_s,
         linger_s=arguments.linger_s,
         until=until,
+        ended=ended,
         progress=progress,
     )
     folder = Path(arguments.out or Path("runs") / f"robot-{path.stem}")
     written = write_robot(folder, file)
-    return ([] if arguments.child else [*_summary(file), f"wrote {written}"]), file.finished
+    lines = [*_summary(file), f"wrote {written}"]
+    if arguments.child:  # standard error is its log
+        sys.stderr.write("".join(f"{line}\n" for line in lines))
+        lines = []
+    return lines, file.finished
 
 
 def _summary(file: RobotFile) -> list[str]:
@@ -104,17 +110,3 @@ def _say_line(done: int, total: int, doing: str) -> None:
     line = ProgressLine(done=done, total=total, doing=doing)
     sys.stdout.write(msgspec.json.encode(line).decode() + "\n")
     sys.stdout.flush()
-
-
-def _parent_has_gone() -> Callable[[], bool]:
-    """Whether standard input has ended: the parent holds its other end."""
-    gone = threading.Event()
-
-    def wait() -> None:
-        # Not sys.stdin: its lock, held by a thread that waits, is fatal at the end of the process.
-        while os.read(0, 1024):
-            pass
-        gone.set()
-
-    threading.Thread(target=wait, name="parent", daemon=True).start()
-    return gone.is_set

@@ -17,6 +17,7 @@ from fgplan.cli.run_command import outcome_of
 from fgplan.errors import InvalidInputError
 from fgplan.io.command import CommandOptions, CommandOutcome
 from fgplan.io.network_table import make_network
+from fgplan.io.result_file import require_true
 from fgplan.planners.program import DistributedPlanner, participants
 from fgplan.processes.child import python_module
 from fgplan.processes.robot_file import RobotFile, read_robot
@@ -28,7 +29,8 @@ def run_team(options: CommandOptions) -> CommandOutcome:
     """Plan a scenario by robots that talk through messages.
 
     Args:
-        options: ``arguments``: ``scenario``, ``processes``, ``gather``, ``time_limit_s``.
+        options: ``arguments``: ``scenario``, ``processes``, ``gather``, ``start_wait_s``,
+            ``time_limit_s``.
 
     Returns:
         The plan under ``plans``, what each process did under ``processes``.
@@ -60,13 +62,20 @@ def run_team(options: CommandOptions) -> CommandOutcome:
             plan = dataclasses.replace(plan, seconds={**plan.seconds, **seconds})
         else:
             plan = run_in_process(planner, run.mission)
-    return outcome_of(
+    outcome = outcome_of(
         run,
         [plan],
         folder,
         results={"processes": {name: _process_data(file) for name, file in files.items()}},
         lines=_traffic_lines(plan.traffic),
     )
+    if not files:
+        return outcome
+    everybody = set(participants(planner, run.mission)) == set(files) and not any(
+        file.missing for file in files.values()
+    )
+    needs = (*outcome.requirements, require_true("nobody_lost", everybody))
+    return dataclasses.replace(outcome, requirements=needs)
 
 
 def _run_processes(
@@ -85,8 +94,10 @@ def _run_processes(
         words += ["--listen", endpoints.listen, "--out", str(folder), "--child"]
         words += [word for end in endpoints.connect for word in ("--connect", end)]
         words += ["--quick"] if options.quick else []
-        limit_s = options.arguments["time_limit_s"]
-        words += ["--time-limit-s", str(limit_s)] if limit_s is not None else []
+        for option in ("start_wait_s", "time_limit_s"):
+            seconds = options.arguments[option]
+            word = f"--{option.replace('_', '-')}"
+            words += [word, str(seconds)] if seconds is not None else []
         commands[name] = words
     ended = run_team_processes(commands, folder, progress=options.progress)
     lost = {name: one.why for name, one in ended.items() if one.why}

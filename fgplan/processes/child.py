@@ -1,10 +1,11 @@
 """One participant's process as its parent sees it.
 
 The child says how far it is in lines of JSON on standard output; what it writes on standard error
-goes into a log beside its file. Its standard input is a pipe that nothing is written to: it ends
-when the parent does, however that ends.
+goes into a log beside its file. On its standard input it is told whose processes have ended; that
+pipe ends when the parent does, however that ends.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -95,10 +96,22 @@ class Child:
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         return " | ".join(lines[-LAST_LINES:])
 
+    def tell_ended(self, robot: str) -> None:
+        """Tell it that another participant's process has ended.
+
+        Args:
+            robot: Name of that participant.
+        """
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):  # it has ended itself
+                self._process.stdin.write(f"{robot}\n".encode())
+                self._process.stdin.flush()
+
     def hang_up(self) -> None:
         """Close its standard input: it ends by itself, if it still runs."""
         if self._process.stdin is not None:
-            self._process.stdin.close()
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
 
     def stop(self) -> None:
         """End it, gently at first, and give back what it held."""

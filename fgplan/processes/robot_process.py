@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from fgplan.planners.mission import Mission
@@ -29,6 +29,7 @@ def run_participant(
     time_limit_s: float = math.inf,
     linger_s: float = 30.0,
     until: Callable[[], bool] | None = None,
+    ended: Callable[[], Collection[str]] | None = None,
     progress: Progress | None = None,
 ) -> RobotFile:
     """Run one participant over the network to its end.
@@ -43,6 +44,7 @@ def run_participant(
         time_limit_s: Seconds after which it gives up.
         linger_s: Seconds that it stays for others after it has finished.
         until: Asked between steps; true ends it at once.
+        ended: Participants that have ended and are not waited for, where somebody knows.
         progress: Told how far it is.
 
     Returns:
@@ -61,7 +63,7 @@ def run_participant(
     with transport:
         if progress is not None:
             progress(0, 0, "waiting for the team")
-        here = transport.wait_for_team(start_wait_s)
+        here = transport.wait_for_team(start_wait_s, without=ended)
         missing = tuple(name for name in robots if name not in here and name != program.robot)
         started = time.perf_counter()
         state = run_robot(
@@ -74,7 +76,7 @@ def run_participant(
             linger_s=linger_s,
             session=program.session or 0,
         )
-        ended = time.perf_counter()
+        stopped = time.perf_counter()
         kinds = transport.traffic.kinds
         return RobotFile(
             robot=program.robot,
@@ -86,7 +88,7 @@ def run_participant(
             traffic={kind: dataclasses.asdict(counts) for kind, counts in kinds.items()},
             refused=dict(transport.refused.counts),
             first_refused=dict(transport.refused.first),
-            seconds={**program.seconds, "wait": started - began, "run": ended - started},
+            seconds={**program.seconds, "wait": started - began, "run": stopped - started},
             missing=missing,
         )
 

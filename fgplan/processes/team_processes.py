@@ -3,7 +3,7 @@
 Each listens on a port of the loopback and connects to all others: none is a master, and one that
 was cut off finds the team again whoever of it is still there. A participant that is refused before
 it was ready (its scenario, its options, no path) stops the team. One that dies later does not: the
-others notice it by themselves and go on.
+others notice it by themselves and go on; those that still wait for it to come are told.
 """
 
 import time
@@ -116,8 +116,14 @@ def _watch(
 ) -> None:
     """Until all have ended, or patience has."""
     first_s: float | None = None
+    known: set[str] = set()
     while True:
         statuses = {child.robot: child.status for child in children}
+        for name in [name for name, status in statuses.items() if status is not None]:
+            if name not in known:
+                known.add(name)
+                for child in children:
+                    child.tell_ended(name)
         for child in children:
             _check_refusal(child, folder)
         if progress is not None:

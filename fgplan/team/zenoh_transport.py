@@ -304,17 +304,23 @@ class ZenohTransport:
         """
         return self._mailbox.wait(timeout_s)
 
-    def wait_for_team(self, timeout_s: float) -> frozenset[str]:
+    def wait_for_team(
+        self, timeout_s: float, without: Callable[[], Collection[str]] | None = None
+    ) -> frozenset[str]:
         """Wait until all teammates are there.
 
         Args:
             timeout_s: Seconds to wait at most.
+            without: Says who will not come; None where nobody knows.
 
         Returns:
             Those that are.
         """
         until_s = time.monotonic() + timeout_s
-        while len(here := self.present(self.robot)) < len(self._others):
+        while True:
+            here = self.present(self.robot)
+            if here.issuperset(set(self._others).difference(without() if without else ())):
+                break
             if time.monotonic() >= until_s:
                 break
             time.sleep(_POLL_S)

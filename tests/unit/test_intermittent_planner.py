@@ -12,6 +12,8 @@ from fgplan.bench import intermittent_scene
 from fgplan.bench.intermittent import bench_team
 from fgplan.bench.intermittent import run as bench
 from fgplan.bench.intermittent_methods import indoor_case, run_method
+from fgplan.cli.run_command import summary_lines
+from fgplan.cli.run_recording import record_run, target_tracks
 from fgplan.errors import InvalidInputError, NoCandidatePathError, OptionError
 from fgplan.io.command import CommandOptions
 from fgplan.io.mission_file import load_mission
@@ -73,6 +75,20 @@ def test_a_scenario_names_the_planner_and_gets_a_plan_with_meetings():
     assert plan.details["delay_bound_epochs"] == 3
     assert plan.details["schedules"]["bob"] == [0, 1]
     assert plan.report["meetings"] == len(plan.details["meetings"]) > 2
+    assert all(len(item.covariances) == 0 for item in plan.robots)  # poses are taken as known
+    tracks = target_tracks(plan)
+    assert {name: track.shape for name, track in tracks.items()} == dict.fromkeys(
+        ("t0", "t1", "t2"), (len(plan.details["uncertainty"]), 2)
+    )
+    record = record_run(mission, plan)
+    sigmas = [
+        np.sqrt(np.linalg.eigvalsh(record.target_covariances[name][-1])[-1]) for name in tracks
+    ]
+    (said,) = [line for line in summary_lines(plan) if "1 sigma" in line]
+    assert "worst direction" in said
+    for name, sigma in zip(tracks, sigmas, strict=True):
+        told = float(said.partition(f"{name} to ")[2].partition(" m")[0])
+        assert told >= 0.99 * sigma  # of all three coordinates, not the two on the map
     places = {name: path.poses[:, :2] for name, path in plan.paths.items()}
     for meeting in plan.details["meetings"]:
         met = np.array([places[name][meeting["step"]] for name in meeting["robots"]])

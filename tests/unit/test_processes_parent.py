@@ -88,6 +88,30 @@ def test_who_does_not_end_is_stopped_when_patience_is_over(tmp_path):
     assert ended["bob"] == Ended(-9, "ended by signal 9")
 
 
+LISTENS = """
+from fgplan.processes.parent import Parent
+parent = Parent()
+while parent.ended() != frozenset({"dan", "zoë"}):
+    time.sleep(0.01)
+say(3)
+while not parent.has_gone():
+    time.sleep(0.01)
+sys.exit(5)
+"""
+
+
+def test_who_still_waits_for_a_robot_is_told_that_it_has_ended(tmp_path):
+    dies = READY + "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+    commands = scripts(ann=READY + LISTENS, dan=dies) | {"zoë": scripts(zoe=READY)["zoe"]}
+    told = []
+    ended = run_team_processes(
+        commands, tmp_path, patience_s=3.0, progress=lambda *line: told.append(line[2])
+    )
+    assert ended["dan"].status == -9
+    assert any("ann 3/3" in line for line in told)
+    assert ended["ann"].status == 5  # and that the parent has ended it hears too
+
+
 def test_a_child_that_reads_its_input_ends_with_the_parent(tmp_path):
     waits = READY + "sys.stdin.read(); say(3); sys.exit(5)"
     ended = run_team_processes(scripts(ann=READY, bob=waits), tmp_path, patience_s=0.2)

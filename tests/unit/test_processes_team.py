@@ -81,8 +81,13 @@ def test_processes_of_distributed_aia_make_the_plan_of_one_process(tmp_path, cap
     names = {path.name for path in (tmp_path / "here").iterdir()}
     assert names > {"scenario.toml", "result.json", "record.json", "plans.json"}
     assert {path.name for path in (tmp_path / "apart").iterdir()} == names | {"robots"}
-    logs = [path.read_text() for path in (tmp_path / "apart" / "robots").glob("*.log")]
-    assert logs == ["", ""]
+    for name in ("ann", "bob"):
+        log = (tmp_path / "apart" / "robots" / f"{name}.log").read_text()
+        assert log.startswith(f"{name}: came to its end; sent ")
+        assert log.count("\n") == 3  # and nothing of anybody else's
+    met = {one["name"]: one["met"] for one in result(tmp_path / "apart")["requirements"]}
+    assert met["nobody_lost"]
+    assert "nobody_lost" not in (tmp_path / "here" / "result.json").read_text()
 
 
 def test_processes_of_an_intermittent_team_and_their_world_make_the_plan_of_one(tmp_path):
@@ -168,6 +173,8 @@ def test_a_robot_that_is_killed_is_named_and_the_rest_goes_on(tmp_path, monkeypa
     run("team", scenario, "--processes", "--out", tmp_path / "apart")
     plan = plan_in(tmp_path / "apart")
     assert not plan["agreed"]
+    met = {one["name"]: one["met"] for one in result(tmp_path / "apart")["requirements"]}
+    assert not met["nobody_lost"]
     lost = [line for line in plan["warnings"] if "'bob' was lost" in line]
     assert len(lost) == 2  # the world says since which step, the parent why
     assert any("ended by signal 9" in line for line in lost)

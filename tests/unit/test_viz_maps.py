@@ -209,6 +209,23 @@ def test_chosen_paths_at_true_size(tmp_path):
     assert legend(chosen_paths_figure(paths, {})) == ["r1", "start", "goal"]
 
 
+@pytest.mark.parametrize(("moments", "said"), [(2, "2σ at start and end"), (1, "2σ at the end")])
+def test_targets_of_a_plan_that_gathers_information(tmp_path, moments, said):
+    paths = {"r1": path("r1", [(300, 100), (300, 900)])}
+    targets = {"t0": [(500, 500), (600, 500), (700, 500)], "t1": [(900, 2000)] * 3}
+    spread = {name: np.tile(4e3 * np.eye(2), (moments, 1, 1)) for name in targets}
+    figure = chosen_paths_figure(paths, {}, targets=targets, target_covariances=spread, goals={})
+    axes = written(figure, tmp_path).axes[0]
+    assert legend(figure) == ["r1", "start", f"target,\n{said}"]
+    assert {"t0", "t1"} <= {text.get_text() for text in axes.texts}
+    outlines = [line.get_xydata() for line in axes.lines if len(line.get_xydata()) > 10]
+    centres = sorted(tuple(np.round(outline[:-1].mean(axis=0))) for outline in outlines)
+    ends = [(700, 500), (900, 2000)]
+    assert centres == sorted(ends + ([(500, 500), (900, 2000)] if moments == 2 else []))
+    with pytest.raises(InvalidInputError, match="covariances of target 't0'"):
+        chosen_paths_figure(paths, {}, targets=targets, target_covariances={"t0": [[1.0]]})
+
+
 def test_impacted_paths(tmp_path):
     candidates = fan("r1", 300, 6)
     before = {"r2": path("r2", [(1000, 100), (700, 900), (1000, 2400)])}
