@@ -42,6 +42,10 @@ def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
             return _print_lines(
                 f"wrote {path}" for path in draw_run_figures(Path(arguments.folder))
             )
+        if arguments.verb == "fields":
+            from fgplan.cli.fields_command import show_fields
+
+            return _print_lines(show_fields(arguments.planner, markdown=arguments.markdown))
         if arguments.verb == "robot":
             from fgplan.cli.robot_command import run_robot_command
 
