@@ -3,6 +3,8 @@
 import dataclasses
 import math
 import re
+import subprocess
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -170,9 +172,10 @@ def test_fields_of_one_planner_and_of_one_that_says_nothing(capsys, monkeypatch)
     assert "  combinations: whole number; default 20000\n      Most combinations" in said
     assert "[planner.aia]" not in said
     assert max(len(line) for line in said.splitlines()) <= 100
-    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.chdir(FOLDER)
     assert main(["fields", "greedy_planner:GreedyPlanner"]) == 0
     assert "  candidates: whole number; default 50\n" in capsys.readouterr().out
+    monkeypatch.chdir(Path(__file__).parent)
     assert main(["fields", f"{Path(__file__).stem}:Silent"]) == 0
     assert "It does not say which it takes" in capsys.readouterr().out
 
@@ -183,6 +186,23 @@ def test_fields_of_an_unknown_planner_end_in_one_line(capsys):
     assert said.count("\n") == 1
     assert "aja" in said
     assert "distributed_aia" in said
+    assert main(["fields", "no_module:Planner"]) == 2
+    assert "expected an importable module, got 'no_module'" in capsys.readouterr().err
+
+
+def test_a_reader_who_has_seen_enough_ends_the_command():
+    child = subprocess.Popen(
+        [sys.executable, "-m", "fgplan", "fields"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert child.stdout is not None
+    child.stdout.close()
+    assert child.stderr is not None
+    with child.stderr:
+        assert child.stderr.read() == b""
+    assert child.wait() == 0
 
 
 class Silent:
