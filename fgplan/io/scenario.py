@@ -318,9 +318,9 @@ class TermTable(Table, frozen=True):
         trajectory_of: Uncertainty: all future poses of this robot, jointly.
         landmarks: Uncertainty: "all" or names of landmarks, jointly.
         keys: Uncertainty: keys of the prior, jointly.
-        function: Uncertainty: name in the registry. Path: "module:object", called with the path.
-        block: Uncertainty: part of every pose.
-        read: Uncertainty: "end", "arrival" or look-ahead steps.
+        function: Uncertainty: a registered name, "trace" if left out. Path: "module:object".
+        block: Uncertainty: part of every pose, "position" if left out.
+        read: Uncertainty: "arrival", look-ahead steps or "end"; "end" if left out.
         arrival_of: Uncertainty: whose arrival.
         name: Path: name in reports; that of the function if left out.
     """
@@ -343,9 +343,9 @@ class ObjectiveTable(Table, frozen=True):
     """``[objective]``: a preset with its weights, or a list of terms.
 
     Attributes:
-        preset: Objective (41) of Regev and Indelman 2017.
-        path_weight: Weight of path length in the preset, kappa_path.
-        uncertainty_weight: Weight of the trace at the goal in the preset, kappa_uncert.
+        preset: Objective (41) of Regev and Indelman 2017; taken where there are no terms.
+        path_weight: Weight of path length in the preset, kappa_path; 0.1 if left out.
+        uncertainty_weight: Weight of the trace at the goal in the preset, kappa_uncert; 1 if left out.
         terms: Terms instead of the preset.
     """
 

@@ -1,6 +1,7 @@
 """The reference of scenario files: complete, as the page in docs, as the planners check."""
 
 import dataclasses
+import inspect
 import math
 import re
 import subprocess
@@ -17,9 +18,10 @@ import yaml
 
 from fgplan.cli import main
 from fgplan.errors import OptionError
+from fgplan.evaluation.objective import UncertaintyTerm, length_and_uncertainty
 from fgplan.io.field_words import FieldWords, describe_fields, summary_of, type_words
 from fgplan.io.mission_file import load_mission
-from fgplan.io.scenario import Scenario
+from fgplan.io.scenario import ObjectiveTable, Scenario, TermTable
 from fgplan.io.scenario_fields import scenario_fields
 from fgplan.io.table import KeyName, Matrix, Polygon, Positive, Probability
 from fgplan.io.table_fields import table_fields
@@ -103,6 +105,17 @@ def test_every_field_of_an_example_is_on_the_page(path):
         checked = table_fields(Scenario, raw, place)
         if checked:
             assert set(checked) == known, f"{place}: the page says what is checked, no more"
+
+
+def test_what_sentences_say_of_defaults_is_so():
+    terms, preset = describe_fields(TermTable), describe_fields(ObjectiveTable)
+    said = {one.name: one.meaning for one in (*preset, *terms)}
+    for name in ("function", "block", "read"):
+        (default,) = [f.default for f in dataclasses.fields(UncertaintyTerm) if f.name == name]
+        assert f'"{default}" if left out' in said[name]
+    for name in ("path_weight", "uncertainty_weight"):
+        default = inspect.signature(length_and_uncertainty).parameters[name].default
+        assert f"; {default:g} if left out" in said[name]
 
 
 def refusal(name, options):
