@@ -345,7 +345,7 @@ class ObjectiveTable(Table, frozen=True):
     Attributes:
         preset: Objective (41) of Regev and Indelman 2017; taken where there are no terms.
         path_weight: Weight of path length in the preset, kappa_path; 0.1 if left out.
-        uncertainty_weight: Weight of the trace at the goal in the preset, kappa_uncert; 1 if left out.
+        uncertainty_weight: Weight of the trace at the goal there, kappa_uncert; 1 if left out.
         terms: Terms instead of the preset.
     """
 
