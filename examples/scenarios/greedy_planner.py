@@ -15,6 +15,7 @@ class GreedyPlanner:
     """Robot 1 takes its best path, robot 2 its best given that, and so on."""
 
     name = "greedy_planner:GreedyPlanner"
+    option_tables = (fgplan.CandidateOptions,)  # what `fgplan fields` says of it
 
     def plan(self, mission, generator: np.random.Generator, progress=None) -> fgplan.Plan:
         """Plan for every robot; options come from the scenario's table of this planner."""

@@ -82,6 +82,11 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     _add_robot(robot)
     plot = verbs.add_parser("plot", help="draw the figures of a run folder again")
     plot.add_argument("folder", metavar="DIR", help="a folder that fgplan run or demo wrote")
+    shown = verbs.add_parser("fields", help="every field of a scenario file, with its default")
+    shown.add_argument(
+        "planner", metavar="PLANNER", nargs="?", help="only the options of this planner"
+    )
+    shown.add_argument("--markdown", action="store_true", help="as docs/scenarios.md has it")
     for verb, summary in (
         ("demo", "run a worked example on real input"),
         ("bench", "measure, beside the obvious alternatives"),

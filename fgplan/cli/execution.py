@@ -6,6 +6,7 @@
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -42,6 +43,10 @@ def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
             return _print_lines(
                 f"wrote {path}" for path in draw_run_figures(Path(arguments.folder))
             )
+        if arguments.verb == "fields":
+            from fgplan.cli.fields_command import show_fields
+
+            return _print_lines(show_fields(arguments.planner, markdown=arguments.markdown))
         if arguments.verb == "robot":
             from fgplan.cli.robot_command import run_robot_command
 
@@ -148,9 +153,14 @@ def _report(outcome: CommandOutcome, files: Sequence[Path]) -> list[str]:
 
 
 def _print_lines(lines: Sequence[str] | Any) -> int:  # noqa: ANN401 - any iterable of lines
-    """Print to standard output."""
-    for line in lines:
-        sys.stdout.write(f"{line}\n")
+    """Print to standard output; one that is closed, as by ``head``, has seen enough."""
+    try:
+        for line in lines:
+            sys.stdout.write(f"{line}\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Python flushes once more when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return DONE
 
 

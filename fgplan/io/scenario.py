@@ -33,9 +33,9 @@ class WorldTable(Table, frozen=True):
     Attributes:
         bounds: Least and greatest corner of the robot's centre, metres.
         map: ROS map_server yaml or MovingAI .map, relative to the scenario file.
-        map_cell_m: Side of a cell of a MovingAI map, which does not say.
+        map_cell_m: Side of a cell of a MovingAI map, which does not say; 1 m if left out.
         obstacles: Simple polygons, corners in metres.
-        robot_radius_m: Radius of every robot's disc.
+        robot_radius_m: Radius of every robot's disc, metres.
         unknown: What unknown cells count as.
     """
 
@@ -54,7 +54,7 @@ class MotionTable(Table, frozen=True):
         sigmas: 3 (planar x, y, heading) or 6 (spatial, rotation first) standard deviations a step.
         per_metre: Same length; standard deviation after one metre.
         per_radian: Same length; standard deviation after turning one radian.
-        speed_m_per_s: Speed along a path.
+        speed_m_per_s: Speed along a path, metres a second.
     """
 
     sigmas: Annotated[tuple[NotNegative, ...], Meta(min_length=3, max_length=6)]
@@ -64,14 +64,14 @@ class MotionTable(Table, frozen=True):
 
 
 class RobotTable(Table, frozen=True):
-    """``[[robots]]``.
+    """``[[robots]]``: one robot.
 
     Attributes:
         name: Unique name.
-        start: Pose at planning time; left out where the prior says it (g2o, python).
+        start: Pose at planning time, metres and radians; left out where the prior says it.
         start_sigmas: Standard deviations of the start, 3 or 6.
         start_covariance: Or its whole covariance, 3 x 3 or 6 x 6.
-        goal: Position to reach; or ``goals``, several in the order of visiting.
+        goal: Position to reach, metres; or ``goals``, several in the order of visiting.
         goals: Positions in the order of visiting.
         motion: Motion noise and speed.
         sensors: Names of sensors under ``[sensors]`` that the robot carries.
@@ -92,7 +92,7 @@ class TargetTable(Table, frozen=True):
 
     Attributes:
         name: Unique name.
-        mean: Estimate at planning time.
+        mean: Estimate at planning time, metres.
         sigmas: Standard deviations; or ``covariance``.
         covariance: Whole covariance.
         transition: A; the identity if left out.
@@ -114,7 +114,7 @@ class LandmarkTable(Table, frozen=True):
 
     Attributes:
         position: Two coordinates for planar robots, three for spatial ones.
-        sigma_m: Standard deviation in every direction.
+        sigma_m: Standard deviation in every direction, metres.
         name: Name in objective terms; ``l0``, ``l1``, ... if left out.
     """
 
@@ -129,9 +129,9 @@ class MultiRobotTable(Table, frozen=True):
     Attributes:
         sensor: ``{kind = "relative_pose", sigmas = [...]}``, or a table as under ``[sensors]``,
             or the name of one.
-        distance_m: Criterion: states nearer than this.
+        distance_m: Criterion: states nearer than this, metres.
         criterion: Or a user's own as "module:object", called with two states.
-        time_tolerance_s: Largest difference of the two times; for all but relative poses.
+        time_tolerance_s: Largest difference of the two times, seconds; for all but relative poses.
         include_past: Whether past poses take part; the team's setting if left out.
     """
 
@@ -146,8 +146,8 @@ class PartitionTable(Table, frozen=True):
     """``[[team.communication.partitions]]``: a time in which groups do not hear each other.
 
     Attributes:
-        start_s: First second.
-        end_s: When it heals.
+        start_s: When it begins, seconds.
+        end_s: When it heals, seconds.
         groups: Names of robots by group; a robot in no group hears nobody.
     """
 
@@ -193,7 +193,7 @@ class TeamTable(Table, frozen=True):
             too; longer than any evaluation. The network is believed if left out.
         drop_after_s: Seconds after which the path of a lost robot is withdrawn; kept if left out.
         communication: Faults of the simulated network; a perfect one if left out.
-        network: How robots that are processes reach each other: ``fgplan.team.network_options``.
+        network: How robots that are processes reach each other.
     """
 
     multi_robot: tuple[MultiRobotTable, ...] = ()
@@ -318,9 +318,9 @@ class TermTable(Table, frozen=True):
         trajectory_of: Uncertainty: all future poses of this robot, jointly.
         landmarks: Uncertainty: "all" or names of landmarks, jointly.
         keys: Uncertainty: keys of the prior, jointly.
-        function: Uncertainty: name in the registry. Path: "module:object", called with the path.
-        block: Uncertainty: part of every pose.
-        read: Uncertainty: "end", "arrival" or look-ahead steps.
+        function: Uncertainty: a registered name, "trace" if left out. Path: "module:object".
+        block: Uncertainty: part of every pose, "position" if left out.
+        read: Uncertainty: "arrival", look-ahead steps or "end"; "end" if left out.
         arrival_of: Uncertainty: whose arrival.
         name: Path: name in reports; that of the function if left out.
     """
@@ -343,9 +343,9 @@ class ObjectiveTable(Table, frozen=True):
     """``[objective]``: a preset with its weights, or a list of terms.
 
     Attributes:
-        preset: Objective (41) of Regev and Indelman 2017.
-        path_weight: Weight of path length in the preset, kappa_path.
-        uncertainty_weight: Weight of the trace at the goal in the preset, kappa_uncert.
+        preset: Objective (41) of Regev and Indelman 2017; taken where there are no terms.
+        path_weight: Weight of path length in the preset, kappa_path; 0.1 if left out.
+        uncertainty_weight: Weight of the trace at the goal there, kappa_uncert; 1 if left out.
         terms: Terms instead of the preset.
     """
 

@@ -86,13 +86,19 @@ class PositionTable(_ViewTable, frozen=True, kw_only=True):
 
 
 class RelativePoseTable(Table, frozen=True):
-    """Parameters of ``kind = "relative_pose"``, between robots only."""
+    """Parameters of ``kind = "relative_pose"``, between robots only.
+
+    Attributes:
+        sigmas: Standard deviations, 3 (planar x, y, heading; metres and radians) or 6 (spatial,
+            rotation first); or ``covariance``.
+        covariance: Whole covariance, 3 x 3 or 6 x 6.
+    """
 
     sigmas: Sigmas | None = None
     covariance: Matrix | None = None
 
 
-_BUILT_IN: dict[str, tuple[type[Table], type[AbstractSensor]]] = {
+SENSOR_KINDS: dict[str, tuple[type[Table], type[AbstractSensor]]] = {
     "range": (RangeTable, RangeSensor),
     "bearing": (BearingTable, BearingSensor),
     "bearing_range": (BearingRangeTable, BearingRangeSensor),
@@ -100,6 +106,7 @@ _BUILT_IN: dict[str, tuple[type[Table], type[AbstractSensor]]] = {
     "clamped_range": (ClampedRangeTable, ClampedRangeSensor),
     "position": (PositionTable, PositionSensor),
 }
+"""Built-in sensors of points by kind: what checks the table, and the model that it makes."""
 _BETWEEN_ROBOTS = ("range", "bearing_range")
 
 
@@ -136,14 +143,14 @@ def make_sensor(table: Mapping[str, Any], place: Place) -> AbstractSensor:
         ScenarioError: If the kind is not known or a parameter is wrong.
     """
     kind, parameters = _kind(table, place)
-    if kind in _BUILT_IN:
-        shape, model = _BUILT_IN[kind]
+    if kind in SENSOR_KINDS:
+        shape, model = SENSOR_KINDS[kind]
         checked = convert_table(parameters, shape, place)
         with place.checking():
             return model(**{name: getattr(checked, name) for name in checked.__struct_fields__})
     if not is_object_name(kind):
         raise place.at("kind").error(
-            f"expected one of {', '.join(_BUILT_IN)} or 'module:object', got {kind!r}"
+            f"expected one of {', '.join(SENSOR_KINDS)} or 'module:object', got {kind!r}"
         )
     sensor = _call(kind, parameters, place)
     if not isinstance(sensor, AbstractSensor):
@@ -216,7 +223,7 @@ def _make_team_sensor(
             )
         given = scenario.sensors[given]
     kind, parameters = _kind(given, place)
-    if kind in _BUILT_IN and kind not in _BETWEEN_ROBOTS:
+    if kind in SENSOR_KINDS and kind not in _BETWEEN_ROBOTS:
         raise place.at("kind").error(
             f"expected relative_pose, {' or '.join(_BETWEEN_ROBOTS)} between robots, got {kind!r}"
         )

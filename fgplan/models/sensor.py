@@ -37,8 +37,8 @@ class AbstractSensor(ABC):
 
     Attributes:
         kind: Name of the model in messages.
-        max_range_m: Farther targets are not seen; by default none is too far.
-        field_of_view_rad: Full opening angle about the heading; 2 pi, the default, sees all round.
+        max_range_m: Farther targets are not seen, metres; by default none is too far.
+        field_of_view_rad: Full opening angle about the heading, radians; 2 pi sees all round.
     """
 
     kind: ClassVar[str] = "own sensor"

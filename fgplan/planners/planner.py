@@ -18,7 +18,7 @@ Progress = Callable[[int, int, str], None]
 
 @runtime_checkable
 class AbstractPlanner(Protocol):
-    """One way of planning for a team.
+    """One way of planning for a team; it may name its ``option_tables``.
 
     Attributes:
         name: Name in scenario files and results.

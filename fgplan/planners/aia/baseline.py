@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from fgplan.checks import check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
+    ProblemOptions,
     mission_plan,
     mission_problem,
     no_plan,
@@ -19,6 +21,7 @@ from fgplan.planners.aia.options import split_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_tables import check_option_names
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
 
@@ -28,9 +31,9 @@ class Budget:
     """When a baseline gives up.
 
     Attributes:
-        steps: Longest horizon.
+        steps: Longest horizon, steps.
         nodes: Most states kept or simulated.
-        seconds: Longest time.
+        seconds: Longest time, seconds.
     """
 
     steps: int = 400
@@ -122,8 +125,10 @@ class BaselinePlanner:
     Attributes:
         name: Name in scenarios and results.
         solve: The baseline.
+        option_tables: Its options.
     """
 
+    option_tables: ClassVar[tuple[type, ...]] = (Budget, ProblemOptions)
     name: str
     solve: Solve
 
@@ -144,14 +149,8 @@ class BaselinePlanner:
             NoCandidatePathError: If no feasible plan was found within the budget.
             OptionError: If an option is not known or not usable.
         """
+        check_option_names(mission.options, self.option_tables, self.name)
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
-        known = [option.name for option in fields(Budget)]
-        for option in others:
-            if option not in known:
-                names = ", ".join([*known, *PROBLEM_OPTIONS])
-                raise OptionError(
-                    f"option {option!r} of planner {self.name!r}: expected one of {names}"
-                )
         try:
             budget = Budget(**others)
         except FgplanError as error:

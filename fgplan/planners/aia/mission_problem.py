@@ -44,12 +44,13 @@ class ProblemOptions:
         step_m: Length of a step of the built-in dynamics, metres.
         step_s: Duration of a step, seconds.
         delta: Limit of the terminal constraint.
-        constraint: Its uncertainty function.
-        constraint_scope: Holds for ``each`` target, or for the ``joint`` covariance.
+        constraint: Uncertainty function of the terminal constraint.
+        constraint_scope: Whether the constraint holds for ``each`` target, or for the ``joint``
+            covariance.
         objective: Uncertainty function that is summed over steps.
-        objective_scope: ``sum`` over targets, or of the ``joint`` covariance.
+        objective_scope: Whether it is a ``sum`` over targets, or of the ``joint`` covariance.
         terminal_goals: Whether each robot must end within ``goal_radius_m`` of its last goal.
-        goal_radius_m: Metres.
+        goal_radius_m: Greatest distance to that goal at the end, metres.
     """
 
     dynamics: str = "first_order"

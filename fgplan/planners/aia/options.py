@@ -9,11 +9,12 @@ confirmation. ``pruned`` is for use: one node a visit, branch and bound, dominan
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.option_tables import check_option_names
 
 Preset = Literal["paper", "reproduction", "pruned"]
 Dominance = Literal["off", "same_time", "any_time"]
@@ -40,10 +41,10 @@ class GrowthOptions:
     """How a tree is grown, a team's or one robot's.
 
     Attributes:
-        p_group: p_V of (8).
-        p_control: p_U of (9).
-        near_m: Distance to the assigned target below which controls are drawn uniformly; None
-            takes the robot's sensing range, as the paper does.
+        p_group: p_V of (8): probability that one of the deepest groups is extended.
+        p_control: p_U of (9): probability of the control that leads to the assigned target.
+        near_m: Distance to the assigned target, metres, below which controls are drawn uniformly;
+            None takes the robot's sensing range, as the paper does.
         near_controls: What is drawn within it: ``uniform``, or ``circle`` the target, for bearing
             sensors (section V-B suggests it and leaves it open).
         uniform_after: When draws become uniform (Remark 5.1): with the first feasible plan, from an
@@ -54,8 +55,8 @@ class GrowthOptions:
         until: End with the first feasible plan, or when a budget is spent.
         iterations: Most iterations; None has no limit.
         node_budget: Most nodes.
-        seconds: Longest time; None has no limit.
-        geodesic_cell_m: Side of the cells of geodesic distances; None takes the greatest
+        seconds: Longest time, seconds; None has no limit.
+        geodesic_cell_m: Side of the cells of geodesic distances, metres; None takes the greatest
             displacement of a control along an axis: the spacing of a lattice.
     """
 
@@ -114,9 +115,9 @@ class TreeOptions(GrowthOptions):
     """How a team's tree is grown.
 
     Attributes:
-        measure_at: ``parent``, as line 7 prints it, or ``child``.
-        assignment: Algorithm 2, the same with an optimal choice in place of its lines 6 to 10, or
-            keep what the root chose.
+        measure_at: Where measurements are taken: ``parent``, as line 7 prints it, or ``child``.
+        assignment: Which robot goes to which target: ``algorithm_2``; the same with an ``optimal``
+            choice in place of its lines 6 to 10; or ``keep`` what the root chose.
         bound: Leave out nodes not cheaper than the best plan.
         dominance: Leave out dominated nodes.
         restarts: Further trees from scratch, each bounded by the best plan so far.
@@ -191,12 +192,7 @@ def preset_options(
         raise OptionError(
             f"planner option preset: expected one of {', '.join(presets)}, got {preset!r}"
         )
-    known = [option.name for option in fields(kind)]
-    for name in changes:
-        if name not in known:
-            raise OptionError(
-                f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
-            )
+    check_option_names(changes, (kind,), planner)
     try:
         return kind(**{**presets[preset], **changes})
     except (FgplanError, TypeError) as error:

@@ -5,7 +5,7 @@ Multi-Robot Information Gathering", RSS 2019: Algorithm 1 with the assignment of
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,15 @@ from fgplan.evaluation.registry import find_object
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
+    ProblemOptions,
     mission_plan,
     mission_problem,
     no_plan,
     read_problem_options,
 )
-from fgplan.planners.aia.options import split_options, tree_options
+from fgplan.planners.aia.options import PRESETS, Preset, TreeOptions, split_options, tree_options
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_tables import check_option_names
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
 
@@ -34,15 +36,40 @@ _WHY = {
 }
 
 
-class AiaPlanner:
-    """Planner ``aia``.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PresetOptions:
+    """Which preset the planner starts from.
 
-    Options: ``preset`` (``paper``, ``reproduction`` or ``pruned``; ``pruned`` if left out), those
-    of ``TreeOptions`` and of ``ProblemOptions``, ``f_group`` and ``f_control`` (a user's own f_V
-    and f_U as "module:function") with ``least_group`` and ``least_control``.
+    Attributes:
+        preset: What the defaults of the other options are changed to.
     """
 
+    preset: Preset = "pruned"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DensityOptions:
+    """A user's own densities in place of (8) and (9).
+
+    Attributes:
+        f_group: f_V as "module:function"; (8) if left out.
+        f_control: f_U as "module:function"; (9) if left out.
+        least_group: Every probability of ``f_group`` must be at least this, above zero.
+        least_control: Every probability of ``f_control`` must be at least this, above zero.
+    """
+
+    f_group: str | None = None
+    f_control: str | None = None
+    least_group: float = 0.0
+    least_control: float = 0.0
+
+
+class AiaPlanner:
+    """Planner ``aia``; ``option_tables`` are its options."""
+
     name = "aia"
+    option_tables: tuple[type, ...] = (PresetOptions, ProblemOptions, TreeOptions, DensityOptions)
+    presets: Mapping[str, Mapping[str, Any]] = PRESETS
 
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
@@ -64,10 +91,11 @@ class AiaPlanner:
         """
         from fgplan.planners.aia.search import search
 
+        check_option_names(mission.options, self.option_tables, self.name)
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         problem = mission_problem(mission, read_problem_options(own))
         densities, others = _densities(others)
-        preset = others.pop("preset", "pruned")
+        preset = others.pop("preset", PresetOptions().preset)
         options = tree_options(preset, **others)
         found = search(problem, options, generator, progress=progress, densities=densities)
         if found.plan is None:
@@ -99,8 +127,7 @@ class AiaPlanner:
 
 def _densities(given: Mapping[str, Any]) -> tuple[Densities | None, dict[str, Any]]:
     """A user's own densities, and the other options."""
-    names = ("f_group", "f_control", "least_group", "least_control")
-    own, others = split_options(given, names)
+    own, others = split_options(given, tuple(option.name for option in fields(DensityOptions)))
     if not own:
         return None, others
     made = {}

@@ -6,7 +6,7 @@ robots, and every robot's own process.
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from fgplan.checks import check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
+    ProblemOptions,
     mission_problem,
     read_problem_options,
 )
@@ -21,6 +22,7 @@ from fgplan.planners.aia.options import split_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.distributed_aia.options import DistributedOptions, distributed_options
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_tables import check_option_names
 from fgplan.team.communication_graph import CommunicationGraph
 from fgplan.team.communication_table import read_communication_graph
 from fgplan.team.in_process import NetworkFaults, read_faults
@@ -32,12 +34,22 @@ REAL_WAIT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PresetOptions:
+    """Which preset the planner starts from.
+
+    Attributes:
+        preset: What the defaults of the other options are changed to.
+    """
+
+    preset: Literal["paper", "reproduction"] = "reproduction"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExchangeOptions:
     """How robots hear of each other; the other options are ``DistributedOptions``.
 
     Attributes:
-        graph: Communication graph as plain data, see ``fgplan.team.communication_table``;
-            all-to-all if left out.
+        graph: Communication graph, a table of its own with a ``kind``; all-to-all if left out.
         messages: Whether robots of this process talk through messages alone; otherwise they read
             each other's trees, to the same plan. Network faults need messages.
         communication: Faults of the simulated network, as ``[team.communication]`` gives them.
@@ -78,6 +90,13 @@ class ExchangeOptions:
         return None if self.communication is None else read_faults(self.communication)
 
 
+OPTION_TABLES: tuple[type, ...] = (
+    PresetOptions,
+    ProblemOptions,
+    DistributedOptions,
+    ExchangeOptions,
+)
+"""All options of the planner."""
 _EXCHANGE_OPTIONS = tuple(option.name for option in fields(ExchangeOptions))
 
 
@@ -120,10 +139,11 @@ def read_mission_team(mission: Mission, generator: np.random.Generator) -> Missi
         OptionError: If an option is not known or not usable.
         InvalidInputError: If the mission is not one of gathering information.
     """
+    check_option_names(mission.options, OPTION_TABLES, "distributed_aia")
     own, others = split_options(mission.options, PROBLEM_OPTIONS)
     talk, others = split_options(others, _EXCHANGE_OPTIONS)
     problem = mission_problem(mission, read_problem_options(own))
-    preset = others.pop("preset", "reproduction")
+    preset = others.pop("preset", PresetOptions().preset)
     options = distributed_options(preset, **others)
     drawing, planning, network = generator.spawn(3)
     try:

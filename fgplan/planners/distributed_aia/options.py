@@ -33,7 +33,7 @@ class DistributedOptions(GrowthOptions):
     """How the trees are grown; iterations and node budget are those of each robot.
 
     Attributes:
-        p_candidate: p_C of (10).
+        p_candidate: p_C of (10): probability that a neighbour's least uncertain node is fused.
         of_robot: By name of a robot, which of p_group, p_control and p_candidate it has otherwise:
             the mass functions may differ by robot.
         kappa: Weight of the most certain robot in the filter (4), target by target; the others

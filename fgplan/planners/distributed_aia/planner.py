@@ -15,11 +15,13 @@ from fgplan.planners.aia.lower_bound import unreachable_reason
 from fgplan.planners.aia.mission_problem import mission_plan, no_plan
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.distributed_aia.mission_team import (
+    OPTION_TABLES,
     REAL_WAIT_S,
     SIMULATED_WAIT_S,
     MissionTeam,
     read_mission_team,
 )
+from fgplan.planners.distributed_aia.options import PRESETS
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
@@ -75,13 +77,11 @@ def plan_details(
 
 
 class DistributedAiaPlanner:
-    """Planner ``distributed_aia``.
-
-    Options: ``preset`` (``paper`` or ``reproduction``; the latter if left out), those of
-    ``DistributedOptions``, ``ExchangeOptions`` and ``ProblemOptions``.
-    """
+    """Planner ``distributed_aia``; ``option_tables`` are its options."""
 
     name = "distributed_aia"
+    option_tables: tuple[type, ...] = OPTION_TABLES
+    presets: Mapping[str, Mapping[str, Any]] = PRESETS
     companions: tuple[str, ...] = ()
 
     def plan(

@@ -58,6 +58,7 @@ class ExhaustivePlanner:
     """Planner ``exhaustive``; its options are ``ExhaustiveOptions``."""
 
     name = "exhaustive"
+    option_tables: tuple[type, ...] = (ExhaustiveOptions,)
 
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None

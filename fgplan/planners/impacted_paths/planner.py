@@ -42,6 +42,7 @@ class ImpactedPathsPlanner:
     """Planner ``impacted_paths``; its options are ``ImpactedPathsOptions``."""
 
     name = "impacted_paths"
+    option_tables: tuple[type, ...] = (ImpactedPathsOptions,)
     companions: tuple[str, ...] = ()
 
     def plan(

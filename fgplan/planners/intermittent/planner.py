@@ -45,6 +45,7 @@ from fgplan.planners.intermittent.world_message import WORLD
 from fgplan.planners.intermittent.world_robot import WorldRobot
 from fgplan.planners.intermittent.world_robot import step as step_world_robot
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_tables import check_option_names
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
 from fgplan.planners.program import RobotProgram, participants
@@ -60,14 +61,14 @@ class TeamOptions:
 
     Attributes:
         teams: Members of each team; proposed for the robots if left out.
-        teams_per_robot: Of the proposal.
+        teams_per_robot: Teams of each robot in the proposal.
         period: Length of the schedules: epochs ``used``, or ``degree+1``.
         steps: Number of steps to plan.
         step_s: Duration of a step, seconds.
         every: Steps between measurements.
-        metric: Uncertainty function; positive.
-        wait_steps: How long robots wait for a teammate.
-        recovery_steps: Slot in which a team makes up for a meeting that failed, at the same place.
+        metric: Uncertainty function of the targets, one that is positive.
+        wait_steps: How long robots wait for a teammate, steps.
+        recovery_steps: Steps in which a team makes up for a meeting that failed, at the same place.
         cell_m: Side of the cells of short ways, metres.
     """
 
@@ -98,6 +99,7 @@ class IntermittentPlanner:
     """Planner ``intermittent``; options are those of ``TeamOptions`` and ``SegmentOptions``."""
 
     name = "intermittent"
+    option_tables: tuple[type, ...] = (TeamOptions, SegmentOptions)
     companions: tuple[str, ...] = (WORLD,)
 
     def plan(
@@ -240,12 +242,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[TeamOptions, SegmentOptions]
     """
     team = [option.name for option in fields(TeamOptions)]
     segment = [option.name for option in fields(SegmentOptions)]
-    for name in given:
-        if name not in (*team, *segment):
-            raise OptionError(
-                f"option {name!r} of planner 'intermittent': expected one of "
-                f"{', '.join(sorted((*team, *segment)))}"
-            )
+    check_option_names(given, IntermittentPlanner.option_tables, IntermittentPlanner.name)
     chosen = {name: value for name, value in given.items() if name in team}
     if "teams" in chosen:
         chosen["teams"] = tuple(tuple(members) for members in chosen["teams"])
