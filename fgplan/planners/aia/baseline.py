@@ -19,6 +19,7 @@ from fgplan.planners.aia.options import split_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_names import check_option_names
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
 
@@ -146,12 +147,7 @@ class BaselinePlanner:
         """
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         known = [option.name for option in fields(Budget)]
-        for option in others:
-            if option not in known:
-                names = ", ".join([*known, *PROBLEM_OPTIONS])
-                raise OptionError(
-                    f"option {option!r} of planner {self.name!r}: expected one of {names}"
-                )
+        check_option_names(mission.options, (*PROBLEM_OPTIONS, *known), self.name)
         try:
             budget = Budget(**others)
         except FgplanError as error:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.option_names import check_option_names
 
 Preset = Literal["paper", "reproduction", "pruned"]
 Dominance = Literal["off", "same_time", "any_time"]
@@ -192,11 +193,7 @@ def preset_options(
             f"planner option preset: expected one of {', '.join(presets)}, got {preset!r}"
         )
     known = [option.name for option in fields(kind)]
-    for name in changes:
-        if name not in known:
-            raise OptionError(
-                f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
-            )
+    check_option_names(changes, known, planner)
     try:
         return kind(**{**presets[preset], **changes})
     except (FgplanError, TypeError) as error:

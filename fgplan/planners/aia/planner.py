@@ -5,7 +5,7 @@ Multi-Robot Information Gathering", RSS 2019: Algorithm 1 with the assignment of
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,19 @@ from fgplan.planners.aia.mission_problem import (
     no_plan,
     read_problem_options,
 )
-from fgplan.planners.aia.options import split_options, tree_options
+from fgplan.planners.aia.options import TreeOptions, split_options, tree_options
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_names import check_option_names
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
 
+_DENSITIES = ("f_group", "f_control", "least_group", "least_control")
+_OPTIONS = (
+    "preset",
+    *PROBLEM_OPTIONS,
+    *(option.name for option in fields(TreeOptions)),
+    *_DENSITIES,
+)
 _WHY = {
     "iterations": "the iterations are spent",
     "nodes": "the node budget is spent",
@@ -64,6 +72,7 @@ class AiaPlanner:
         """
         from fgplan.planners.aia.search import search
 
+        check_option_names(mission.options, _OPTIONS, self.name)
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         problem = mission_problem(mission, read_problem_options(own))
         densities, others = _densities(others)
@@ -99,8 +108,7 @@ class AiaPlanner:
 
 def _densities(given: Mapping[str, Any]) -> tuple[Densities | None, dict[str, Any]]:
     """A user's own densities, and the other options."""
-    names = ("f_group", "f_control", "least_group", "least_control")
-    own, others = split_options(given, names)
+    own, others = split_options(given, _DENSITIES)
     if not own:
         return None, others
     made = {}

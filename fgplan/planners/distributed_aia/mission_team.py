@@ -21,6 +21,7 @@ from fgplan.planners.aia.options import split_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.distributed_aia.options import DistributedOptions, distributed_options
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_names import check_option_names
 from fgplan.team.communication_graph import CommunicationGraph
 from fgplan.team.communication_table import read_communication_graph
 from fgplan.team.in_process import NetworkFaults, read_faults
@@ -79,6 +80,12 @@ class ExchangeOptions:
 
 
 _EXCHANGE_OPTIONS = tuple(option.name for option in fields(ExchangeOptions))
+_OPTIONS = (
+    "preset",
+    *PROBLEM_OPTIONS,
+    *(option.name for option in fields(DistributedOptions)),
+    *_EXCHANGE_OPTIONS,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,6 +127,7 @@ def read_mission_team(mission: Mission, generator: np.random.Generator) -> Missi
         OptionError: If an option is not known or not usable.
         InvalidInputError: If the mission is not one of gathering information.
     """
+    check_option_names(mission.options, _OPTIONS, "distributed_aia")
     own, others = split_options(mission.options, PROBLEM_OPTIONS)
     talk, others = split_options(others, _EXCHANGE_OPTIONS)
     problem = mission_problem(mission, read_problem_options(own))

@@ -9,6 +9,7 @@ import numpy as np
 
 from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.option_names import check_option_names
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, read_faults
 from fgplan.team.options import CoordinationOptions, Order, WithoutPath
 from roadmaps import PathMethod
@@ -178,11 +179,7 @@ def read_options(kind: type[Options], given: Mapping[str, Any], planner: str) ->
         OptionError: If an option is not known (lists those that are), or a value is not usable.
     """
     known = [option.name for option in fields(kind)]
-    for name in given:
-        if name not in known:
-            raise OptionError(
-                f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
-            )
+    check_option_names(given, known, planner)
     try:
         return kind(**given)
     except FgplanError as error:

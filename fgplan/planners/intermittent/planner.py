@@ -45,6 +45,7 @@ from fgplan.planners.intermittent.world_message import WORLD
 from fgplan.planners.intermittent.world_robot import WorldRobot
 from fgplan.planners.intermittent.world_robot import step as step_world_robot
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_names import check_option_names
 from fgplan.planners.plan import Plan
 from fgplan.planners.planner import Progress
 from fgplan.planners.program import RobotProgram, participants
@@ -240,12 +241,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[TeamOptions, SegmentOptions]
     """
     team = [option.name for option in fields(TeamOptions)]
     segment = [option.name for option in fields(SegmentOptions)]
-    for name in given:
-        if name not in (*team, *segment):
-            raise OptionError(
-                f"option {name!r} of planner 'intermittent': expected one of "
-                f"{', '.join(sorted((*team, *segment)))}"
-            )
+    check_option_names(given, (*team, *segment), "intermittent")
     chosen = {name: value for name, value in given.items() if name in team}
     if "teams" in chosen:
         chosen["teams"] = tuple(tuple(members) for members in chosen["teams"])
