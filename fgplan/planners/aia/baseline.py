@@ -74,13 +74,18 @@ class Clock:
         return over or self.nodes >= self.budget.nodes
 
     def result(
-        self, path: TeamPath | None, shortfall: float, walked: TeamPath | None = None
+        self,
+        path: TeamPath | None,
+        shortfall: float,
+        farthest: str,
+        walked: TeamPath | None = None,
     ) -> "BaselineResult":
         """Close the account.
 
         Args:
             path: What was found.
             shortfall: Least shortfall reached.
+            farthest: Target farthest from its limit there; empty of a joint constraint.
             walked: Where a myopic planner went.
 
         Returns:
@@ -88,7 +93,12 @@ class Clock:
         """
         seconds = time.perf_counter() - self.began
         return BaselineResult(
-            plan=path, shortfall=shortfall, nodes=self.nodes, seconds=seconds, walked=walked
+            plan=path,
+            shortfall=shortfall,
+            farthest=farthest,
+            nodes=self.nodes,
+            seconds=seconds,
+            walked=walked,
         )
 
 
@@ -99,6 +109,7 @@ class BaselineResult:
     Attributes:
         plan: The path; None if no feasible one was found within the budget.
         shortfall: Worst target's number over its limit at the best state.
+        farthest: That target; empty of a joint constraint.
         nodes: States kept or simulated.
         seconds: Real seconds.
         walked: Where a myopic planner went, though it may not have come to its end; None of those
@@ -107,6 +118,7 @@ class BaselineResult:
 
     plan: TeamPath | None
     shortfall: float
+    farthest: str
     nodes: int
     seconds: float
     walked: TeamPath | None = None
@@ -157,7 +169,9 @@ class BaselinePlanner:
             progress(0, 0, self.name)
         found = self.solve(problem, budget, generator)
         if found.plan is None:
-            raise no_plan(self.name, problem, found.shortfall, "the budget is spent")
+            raise no_plan(
+                self.name, problem, found.shortfall, "the budget is spent", found.farthest
+            )
         return mission_plan(
             mission,
             problem,

@@ -84,8 +84,8 @@ class AiaPlanner:
                 raise KeyboardInterrupt
             why = found.reason or _WHY.get(found.ending, found.ending)
             if found.reason:
-                raise no_plan(self.name, problem, np.inf, why, "relax delta")
-            raise no_plan(self.name, problem, found.shortfall, why)
+                raise no_plan(self.name, problem, np.inf, why, remedy="relax delta")
+            raise no_plan(self.name, problem, found.shortfall, why, found.farthest)
         warnings = () if found.ending != "interrupted" else ("interrupted: the best plan so far",)
         return mission_plan(
             mission,

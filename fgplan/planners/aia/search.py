@@ -49,6 +49,7 @@ class SearchResult:
         seconds: Real seconds of ``setup`` (geodesic fields, arrays) and ``search``.
         improvements: (seconds since the search began, cost) of each best plan.
         reason: Why the terminal constraint is unreachable, if that is known beforehand.
+        farthest: Target farthest from its limit at the closest node; empty of a joint constraint.
     """
 
     plan: TeamPath | None
@@ -61,6 +62,7 @@ class SearchResult:
     seconds: dict[str, float]
     improvements: tuple[tuple[float, float], ...] = ()
     reason: str = ""
+    farthest: str = ""
 
 
 @dataclass(slots=True)
@@ -72,6 +74,7 @@ class _Clock:
     best: TeamPath | None = None
     closest: TeamPath | None = None
     shortfall: float = float("inf")
+    farthest: str = ""
     improvements: list[tuple[float, float]] = field(default_factory=list)
 
     @property
@@ -93,6 +96,7 @@ class _Clock:
         if growth.shortfall < self.shortfall:
             self.shortfall = growth.shortfall
             self.closest = growth.closest_path()
+            self.farthest = growth.farthest
 
 
 @one_blas_thread()
@@ -156,6 +160,7 @@ def search(
         seconds=seconds,
         improvements=tuple(clock.improvements),
         reason=reason,
+        farthest=clock.farthest,
     )
 
 

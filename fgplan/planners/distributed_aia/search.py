@@ -43,6 +43,7 @@ class DistributedResult:
         bytes_per_node: Memory by room for a node of one robot.
         seconds: Real seconds of ``setup`` and ``search``.
         reason: Why the terminal constraint is unreachable, if that is known beforehand.
+        farthest: Target farthest from its limit at that node; empty of a joint constraint.
         candidates: Team paths that were replayed, and those ``refused`` there.
         refused: As said.
     """
@@ -57,6 +58,7 @@ class DistributedResult:
     candidates: int
     refused: int
     reason: str = ""
+    farthest: str = ""
 
 
 class _Parts:
@@ -149,6 +151,7 @@ def search_distributed(
         candidates=parts.candidates,
         refused=parts.refused,
         reason=reason,
+        farthest=growth.farthest,
     )
 
 
