@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
-from fgplan.checks import check_positive
+from fgplan.checks import check_generator, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
@@ -157,6 +157,7 @@ class BaselinePlanner:
             NoCandidatePathError: If no feasible plan was found within the budget.
             OptionError: If an option is not known or not usable.
         """
+        check_generator(generator, f"planner {self.name!r}")
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         known = [option.name for option in fields(Budget)]
         check_option_names(mission.options, (*PROBLEM_OPTIONS, *known), self.name)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.errors import InvalidInputError, OptionError
 from fgplan.evaluation.registry import find_object
 from fgplan.planners.aia.densities import Densities
@@ -72,6 +73,7 @@ class AiaPlanner:
         """
         from fgplan.planners.aia.search import search
 
+        check_generator(generator, f"planner {self.name!r}")
         check_option_names(mission.options, _OPTIONS, self.name)
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         problem = mission_problem(mission, read_problem_options(own))

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.growth import Growth
@@ -125,6 +126,7 @@ def search(
     Raises:
         InvalidInputError: If the problem, or a user's own part, is not usable.
     """
+    check_generator(generator, "search")
     if options.dominance != "off":
         check_monotone(problem)
     reason = unreachable_reason(problem, options.measure_at)

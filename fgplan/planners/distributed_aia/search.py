@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.lower_bound import unreachable_reason
 from fgplan.planners.aia.problem import AcquisitionProblem
@@ -131,6 +132,7 @@ def search_distributed(
     Raises:
         InvalidInputError: If the problem is of a kind that these trees do not know.
     """
+    check_generator(generator, "search")
     reason = unreachable_reason(problem)
     began = time.perf_counter()
     generators = generator.spawn(len(problem.robots))
