@@ -83,6 +83,28 @@ def check_not_negative(value: float, name: str) -> float:
     return float(value)
 
 
+def check_generator(generator: object, name: str) -> np.random.Generator:
+    """Check that a source of randomness is a Generator.
+
+    Args:
+        generator: It.
+        name: Whose it is, for the message.
+
+    Returns:
+        The same object.
+
+    Raises:
+        InvalidInputError: If it is something else, such as a seed.
+    """
+    if not isinstance(generator, np.random.Generator):
+        seed = generator if isinstance(generator, int) else "seed"
+        raise InvalidInputError(
+            f"{name}: generator: expected a numpy.random.Generator, got {generator!r}; pass "
+            f"numpy.random.default_rng({seed})"
+        )
+    return generator
+
+
 def check_covariance(values: ArrayLike, name: str, size: int | None = None) -> Covariance:
     """Check that a matrix is a covariance: square, finite, symmetric, positive definite.
 

@@ -111,6 +111,26 @@ def check_count(value: int, name: str, minimum: int = 1) -> None:
         raise ParameterError(f"{name}: expected an integer of at least {minimum}, got {value!r}")
 
 
+def check_generator(rng: object) -> np.random.Generator:
+    """Give `rng` back, or raise unless it is a Generator.
+
+    Args:
+        rng: Source of randomness.
+
+    Returns:
+        The same object.
+
+    Raises:
+        ParameterError: If it is something else, such as a seed.
+    """
+    if not isinstance(rng, np.random.Generator):
+        raise ParameterError(
+            f"rng: expected a numpy.random.Generator, got {rng!r}; pass "
+            f"numpy.random.default_rng({rng if isinstance(rng, int) else 'seed'})"
+        )
+    return rng
+
+
 def read_only(array: FloatArray) -> FloatArray:
     """Return a contiguous copy of `array` that cannot be written to.
 

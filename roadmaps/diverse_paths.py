@@ -13,7 +13,7 @@ from collections.abc import Callable
 import networkx as nx
 import numpy as np
 
-from roadmaps.checks import check_count, check_non_negative
+from roadmaps.checks import check_count, check_generator, check_non_negative
 from roadmaps.errors import ParameterError
 from roadmaps.roadmap import RoadmapMatrix, read_roadmap
 from roadmaps.shortest_path import find_rows, make_path
@@ -62,6 +62,8 @@ def find_penalty_paths(
     check_non_negative(jitter, "jitter")
     if jitter > 0.0 and rng is None:
         raise ParameterError("rng: expected a numpy.random.Generator, for jitter is not 0")
+    if rng is not None:
+        check_generator(rng)
     matrix = read_roadmap(roadmap)
     penalized = matrix.lengths.copy()
 
@@ -108,6 +110,7 @@ def find_perturbed_paths(
         UnreachableError: If no path joins them.
         ParameterError: If a number is out of range.
     """
+    check_generator(rng)
     check_non_negative(spread, "spread")
     matrix = read_roadmap(roadmap)
 

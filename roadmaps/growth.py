@@ -19,7 +19,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from roadmaps.checks import check_count, check_positive
+from roadmaps.checks import check_count, check_generator, check_positive
 from roadmaps.collision import CollisionChecker, check_position_valid
 from roadmaps.errors import ParameterError, UnreachableError
 from roadmaps.sampling import draw_position
@@ -49,7 +49,7 @@ class AbstractGrowth(ABC):
     Raises:
         InvalidPositionError: If start or goal is not free.
         ParameterError: If not exactly one of `step_m` and `steering` is given, or `goal_bias` is
-            out of range.
+            out of range, or `rng` is no Generator.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class AbstractGrowth(ABC):
         self.steering = steering
         self.goal = None if goal is None else check_position_valid(checker, goal, "goal")
         self.goal_vertex: int | None = None
-        self._rng = rng
+        self._rng = check_generator(rng)
         self._goal_bias = goal_bias
         self._sampler = sampler
         self._count = 1

@@ -10,7 +10,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from roadmaps.checks import as_positions, check_count
+from roadmaps.checks import as_positions, check_count, check_generator
 from roadmaps.collision import CollisionChecker, check_position_valid
 from roadmaps.connection import Connection, KNearest, neighbor_pairs
 from roadmaps.roadmap import build_roadmap
@@ -41,7 +41,8 @@ def build_prm(
     Raises:
         InvalidPositionError: If a required position is not free.
         SamplingError: If the free space is too small a part of the bounds.
-        ParameterError: If `vertex_count` is less than 1 or than the required positions.
+        ParameterError: If `vertex_count` is less than 1 or than the required positions, or `rng`
+            is no Generator.
 
     References:
         Kavraki, Svestka, Latombe and Overmars, "Probabilistic roadmaps for path planning in
@@ -55,6 +56,7 @@ def build_prm(
         >>> len(roadmap), roadmap.nodes[0]["position"]
         (50, array([1., 1.]))
     """
+    check_generator(rng)
     check_count(vertex_count, "vertex_count")
     dimension = len(checker.lower)
     fixed = np.zeros((0, dimension))

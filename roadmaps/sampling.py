@@ -6,7 +6,7 @@ free space. The Generator is an argument: the same seed gives the same positions
 
 import numpy as np
 
-from roadmaps.checks import check_count
+from roadmaps.checks import check_count, check_generator
 from roadmaps.collision import CollisionChecker
 from roadmaps.errors import SamplingError
 from roadmaps.typing import FloatArray
@@ -45,8 +45,9 @@ def sample_positions(
 
     Raises:
         SamplingError: If too few draws are valid.
-        ParameterError: If `count` is negative.
+        ParameterError: If `count` is negative, or `rng` is no Generator.
     """
+    check_generator(rng)
     check_count(count, "count", minimum=0)
     check_count(max_draws_each, "max_draws_each")
     found: list[FloatArray] = []

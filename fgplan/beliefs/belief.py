@@ -17,7 +17,7 @@ slots. An asymmetric covariance cannot be seen any more once GTSAM has made a no
 import difflib
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import gtsam
@@ -202,7 +202,7 @@ class Belief:
 
         Raises:
             UnknownNameError: If a key is not in the belief; lists keys with near names.
-            InvalidInputError: If a key is asked for twice in one list.
+            InvalidInputError: If a key is no integer, or is asked for twice in one list.
             IllPosedBeliefError: If a variable is not determined by the factors.
         """
         wanted = self._listed(rows)
@@ -233,7 +233,7 @@ class Belief:
 
         Raises:
             UnknownNameError: If a key is not in the belief.
-            InvalidInputError: If a key is asked for twice.
+            InvalidInputError: If a key is no integer, or is asked for twice.
             IllPosedBeliefError: If a variable is not determined by the factors.
         """
         wanted = self._listed(keys)
@@ -244,7 +244,7 @@ class Belief:
 
         Raises:
             UnknownNameError: If a key is not in the belief.
-            InvalidInputError: If a key is asked for twice.
+            InvalidInputError: If a key is no integer, or is asked for twice.
             IllPosedBeliefError: If a variable is not determined by the factors.
         """
         wanted = self._listed(kept)
@@ -261,8 +261,11 @@ class Belief:
         """One key or several as a tuple, checked."""
         if isinstance(keys, int | np.integer):
             keys = (int(keys),)
-        listed = tuple(int(key) for key in keys)
-        self._check_known(listed)
+        if isinstance(keys, str) or not isinstance(keys, Iterable):
+            _check_key(keys)
+        given = tuple(keys)
+        self._check_known(given)
+        listed = tuple(int(key) for key in given)
         if len(set(listed)) != len(listed):
             raise InvalidInputError(f"keys: expected distinct keys, got {describe_keys(listed)}")
         return listed
@@ -270,6 +273,7 @@ class Belief:
     def _check_known(self, keys: Sequence[Key]) -> None:
         """Raise for the first key that is not in the belief."""
         for key in keys:
+            _check_key(key)
             if key not in self._dims:
                 name = describe_key(key)
                 names = [describe_key(known) for known in self.keys]
@@ -278,6 +282,15 @@ class Belief:
                     f"key {name} ({int(key)}) is not in the belief of {len(names)} variables; "
                     f"near names: {', '.join(near)}"
                 )
+
+
+def _check_key(key: object) -> None:
+    """Refuse what is no key: a name, for one."""
+    if not isinstance(key, int | np.integer):
+        raise InvalidInputError(
+            f"keys: expected a GTSAM key, which is an integer, got {key!r}; make the one of x3 by "
+            "fgplan.symbol_key('x', 3)"
+        )
 
 
 def _checked_kind(values: gtsam.Values, key: Key, dim: int) -> str:

@@ -30,6 +30,7 @@ from fgplan.io.result_file import Requirement, require_true
 from fgplan.io.run_folder import write_record
 from fgplan.planners.mission import Mission
 from fgplan.planners.plan import Plan, RobotPlan
+from fgplan.planners.registry import check_plan
 from fgplan.viz.ellipse import world_position_covariances
 
 
@@ -60,7 +61,8 @@ def run_scenario(options: CommandOptions) -> CommandOutcome:
     for seed in seeds:
         seeded = dataclasses.replace(mission, seed=seed)
         with planning(run):
-            plans.append(run.planner.plan(seeded, np.random.default_rng(seed), options.progress))
+            plan = run.planner.plan(seeded, np.random.default_rng(seed), options.progress)
+            plans.append(check_plan(plan, scenario.planner_name))
         options.record({"plans": [plan.to_data() for plan in plans]})
     return outcome_of(run, plans, options.out)
 

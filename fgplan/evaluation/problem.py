@@ -24,6 +24,14 @@ from fgplan.paths.multi_robot import MultiRobotModel
 from fgplan.paths.state import State
 from fgplan.typing import Key, Pose
 
+_PARTS: tuple[tuple[str, type, str], ...] = (
+    ("prior", Belief, "make one: Belief(graph, values)"),
+    ("start_keys", Mapping, "give the key of each robot's current pose, as in {'ann': key}"),
+    ("objective", Objective, "make one: Objective((term, ...))"),
+    ("sensors", Mapping, "give each its name, as in {'lidar': sensor}"),
+)
+"""Of what kind a problem's parts are, and what to do about others."""
+
 
 @dataclass(frozen=True, slots=True)
 class PastState:
@@ -64,6 +72,12 @@ class PlanningProblem:
 
     def __post_init__(self) -> None:
         """Check names and keys against each other."""
+        for name, kind, remedy in _PARTS:
+            if not isinstance(getattr(self, name), kind):
+                raise InvalidInputError(
+                    f"planning problem {name}: expected {kind.__name__}, got "
+                    f"{type(getattr(self, name)).__name__}; {remedy}"
+                )
         object.__setattr__(self, "start_keys", dict(self.start_keys))
         object.__setattr__(self, "sensors", dict(self.sensors))
         for name, kind in (("multi_robot", MultiRobotModel), ("past_states", PastState)):

@@ -91,6 +91,10 @@ def make_mission(scenario: Scenario, path: Path, prior: Prior | None = None) -> 
         _make_target(target, place.at(f"targets[{index}]", f"target {target.name!r}"))
         for index, target in enumerate(scenario.targets)
     )
+    for index, target in enumerate(targets):
+        _check_target(
+            target, workspace, place.at(f"targets[{index}].mean", f"target {target.name!r}")
+        )
     with place.checking():
         return Mission(
             name=scenario.name or path.stem,
@@ -204,6 +208,18 @@ def _check_goals(robot: MissionRobot, workspace: Workspace, place: Place, *, lis
             f"expected a goal in free space, got {goal.tolist()}, which is inside an obstacle or "
             f"unknown cell or nearer to one than the robot's radius "
             f"({workspace.robot_radius_m:g} m); move the goal"
+        )
+
+
+def _check_target(target: MissionTarget, workspace: Workspace, place: Place) -> None:
+    """Refuse a target outside the bounds, where no robot can go to look for it."""
+    position = target.mean[:2]
+    if position.size == 2 and not (
+        (position >= workspace.lower).all() and (position <= workspace.upper).all()
+    ):
+        raise place.error(
+            f"expected a mean within the bounds {workspace.lower.tolist()} to "
+            f"{workspace.upper.tolist()}, got {target.mean.tolist()}; move the target or the bounds"
         )
 
 

@@ -5,6 +5,7 @@ has ``nan`` and ``inf``, which no field means), and the schema (msgspec). msgspe
 expected and where; what came is looked up in the raw tables and added.
 """
 
+import difflib
 import math
 import re
 import tomllib
@@ -16,7 +17,7 @@ import msgspec
 from fgplan.errors import MissingExtraError, ScenarioError
 from fgplan.io.place import Place
 from fgplan.io.scenario import Scenario
-from fgplan.io.table_fields import STEP, table_fields
+from fgplan.io.table_fields import STEP, field_values, table_fields
 
 TableT = TypeVar("TableT")
 
@@ -131,9 +132,11 @@ def _explain(message: str, raw: Any, kind: type, within: Place) -> str:  # noqa:
     field = _FIELD.match(what)
     if field is not None and field[1] == "missing required":
         given = ", ".join(map(str, value)) if isinstance(value, dict) and value else "nothing"
-        came = f"; it has {given}"
+        came = f"; it has {given}{_remedy(field[2], kind, raw, within, place)}"
     elif field is not None:
         came = f"; expected one of {', '.join(table_fields(kind, raw, place))}"
+    elif found and what.startswith(("Invalid enum value", "Invalid value")):
+        what = _expected(kind, raw, place, value)
     elif found and ", got" not in what:
         came = f", got {_shown(value)}"
         if "> 0.0" in what and "sigma" in place and value == 0:
@@ -145,6 +148,27 @@ def _explain(message: str, raw: Any, kind: type, within: Place) -> str:  # noqa:
     owner = within.owner or _owner(raw, place)
     of = f" ({owner})" if owner else ""
     return f"{what}{came} - at `{within.field}{place[1:]}`{of}"
+
+
+def _remedy(field: str, kind: type, raw: Any, within: Place, place: str) -> str:  # noqa: ANN401
+    """What to write for a field that is missing, where only a few values will do."""
+    values, _ = field_values(kind, raw, f"{place}.{field}")
+    if len(values) == 1:
+        sign = " =" if within.file.suffix.lower() == ".toml" else ":"
+        return f"; write {field}{sign} {values[0]!r}"
+    return f"; {field} is one of {', '.join(map(repr, values))}" if values else ""
+
+
+def _expected(kind: type, raw: Any, place: str, value: Any) -> str:  # noqa: ANN401
+    """Which values a field takes, and what came; the nearest one, where there is a near one."""
+    values, lists = field_values(kind, raw, place)
+    names = [one for one in values if isinstance(one, str)]
+    near = difflib.get_close_matches(value, names, n=1) if isinstance(value, str) else []
+    return (
+        f"expected {'one of ' if len(values) > 1 else ''}{', '.join(map(repr, values))}"
+        f"{' or a list' if lists else ''}, got {_shown(value)}"
+        f"{f'; did you mean {near[0]!r}?' if near else ''}"
+    )
 
 
 def _look_up(raw: Any, place: str) -> tuple[Any, bool]:  # noqa: ANN401

@@ -36,16 +36,31 @@ def check_sensor(sensor: AbstractSensor, pose: ArrayLike, target: ArrayLike) -> 
         Largest difference of a Jacobian from its central differences, in the Jacobian's units.
 
     Raises:
-        InvalidInputError: If a Jacobian is off (says which, where and by how much), or shapes or
-            noise are not usable.
+        InvalidInputError: If a Jacobian is off (says which, where and by how much), if shapes,
+            noise or prediction are not usable, or it is a class and no sensor.
 
     Example:
         >>> from fgplan.models.range_bearing import RangeSensor
         >>> check_sensor(RangeSensor(sigma_m=0.1), [1.0, 2.0, 0.5], [4.0, 6.0]) < 1e-8
         True
     """
+    if not isinstance(sensor, AbstractSensor):
+        is_class = isinstance(sensor, type)
+        what = f"the class {sensor.__name__}" if is_class else type(sensor).__name__
+        remedy = f"make one: {sensor.__name__}(...)" if is_class else "derive yours from it"
+        raise InvalidInputError(f"sensor: expected an AbstractSensor, got {what}; {remedy}")
     where = check_pose(pose, f"sensor {sensor.kind!r}: pose")
     point = check_finite(target, f"sensor {sensor.kind!r}: target", (None,))
+    if point.size not in (2, 3)[where.ndim - 1 :]:
+        wanted = (
+            "2 or 3 coordinates for a planar pose"
+            if where.ndim == 1
+            else ("3 coordinates for a spatial pose")
+        )
+        raise InvalidInputError(
+            f"sensor {sensor.kind!r}: target: expected {wanted}, got {point.size}"
+        )
+    _check_prediction(sensor, sensor.predict(where, point))
     by_pose, by_target = checked_jacobians(sensor, where, point)
     check_covariance(sensor.noise(where, point), f"noise of sensor {sensor.kind!r}", len(by_pose))
     poses = [
@@ -78,6 +93,20 @@ def check_sensor(sensor: AbstractSensor, pose: ArrayLike, target: ArrayLike) -> 
                 "pose act on its right: planar (forward, left, turn), spatial rotation first"
             )
     return worst
+
+
+def _check_prediction(sensor: AbstractSensor, predicted: object) -> None:
+    """Refuse a prediction that is no vector of finite numbers."""
+    what = f"prediction of sensor {sensor.kind!r}"
+    if not isinstance(predicted, np.ndarray) or predicted.ndim != 1:
+        came = type(predicted).__name__
+        if isinstance(predicted, np.ndarray):
+            came = f"one of shape {predicted.shape}"
+        raise InvalidInputError(
+            f"{what}: expected an array of shape (m,), got {came}; a single number is "
+            "numpy.array([number])"
+        )
+    check_finite(predicted, what, (None,))
 
 
 def _columns(sensor: AbstractSensor, sides: list[list[tuple[Pose, FloatArray]]]) -> FloatArray:

@@ -5,6 +5,7 @@ The same lists check a scenario and are printed by ``fgplan fields``, so neither
 the other has not. A user's own planner may name its tables too.
 """
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -57,11 +58,14 @@ def check_option_names(given: Mapping[str, Any], tables: Sequence[type], planner
         planner: Name of the planner, for the message.
 
     Raises:
-        OptionError: If a name is not known; lists those that are.
+        OptionError: If a name is not known; lists those that are, near names first.
     """
     known = option_names(tables)
     for name in given:
         if name not in known:
+            near = difflib.get_close_matches(name, known)
+            listed = ", ".join([*near, *(one for one in known if one not in near)])
+            remedy = f"; did you mean {near[0]!r}?" if near else ""
             raise OptionError(
-                f"option {name!r} of planner {planner!r}: expected one of {', '.join(known)}"
+                f"option {name!r} of planner {planner!r}: expected one of {listed}{remedy}"
             )

@@ -4,9 +4,15 @@ Nothing is imported before it is asked for. A name stands for a class (made with
 an object with ``name`` and ``plan``.
 """
 
+import inspect
+from collections.abc import Callable
+
 from fgplan.errors import InvalidInputError
 from fgplan.evaluation.registry import find_object
+from fgplan.planners.plan import Plan
 from fgplan.planners.planner import AbstractPlanner
+
+_PLAN = "plan(mission, generator, progress)"
 
 PLANNERS: dict[str, str] = {
     "impacted_paths": "fgplan.planners.impacted_paths.planner:ImpactedPathsPlanner",
@@ -55,13 +61,55 @@ def find_planner(name: str) -> AbstractPlanner:
 
     Raises:
         UnknownNameError: If there is none; lists those that are.
-        InvalidInputError: If the object is no planner.
+        InvalidInputError: If the object is no planner, or its ``plan`` takes other arguments.
     """
     found = find_object(name, PLANNERS, "planner")
+    if isinstance(found, type) and not _takes(found, 0):
+        raise InvalidInputError(
+            f"planner {name!r}: expected a class made without arguments, got "
+            f"{found.__name__}{inspect.signature(found)}; give each argument a default"
+        )
     planner = found() if isinstance(found, type) else found
     if not isinstance(planner, AbstractPlanner):
         raise InvalidInputError(
             f"planner {name!r}: expected an object with name and plan(mission, generator, "
             f"progress), got {type(planner).__name__}"
         )
+    if not callable(planner.plan) or not _takes(planner.plan, 3):
+        have = f"plan{inspect.signature(planner.plan)}" if callable(planner.plan) else "no method"
+        raise InvalidInputError(
+            f"planner {name!r}: expected {_PLAN}, called with these three in this order, got {have}"
+        )
     return planner
+
+
+def check_plan(plan: object, planner: str) -> Plan:
+    """Check what a planner, perhaps a user's own, came to.
+
+    Args:
+        plan: What its ``plan`` returned.
+        planner: Its name, for the message.
+
+    Returns:
+        The plan.
+
+    Raises:
+        InvalidInputError: If it is none.
+    """
+    if not isinstance(plan, Plan):
+        raise InvalidInputError(
+            f"planner {planner!r}: expected {_PLAN} to return a fgplan.Plan, got "
+            f"{'None' if plan is None else type(plan).__name__}"
+        )
+    return plan
+
+
+def _takes(call: Callable[..., object], positional: int) -> bool:
+    """Whether something can be called with so many arguments; true where Python cannot tell."""
+    try:
+        inspect.signature(call).bind(*[None] * positional)
+    except ValueError:  # no signature, as of compiled classes
+        return True
+    except TypeError:
+        return False
+    return True

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.errors import InvalidInputError
 from fgplan.models.measurement import Odometry
 from fgplan.models.pose import between, compose, position
@@ -38,6 +39,7 @@ def start(world: World, generator: np.random.Generator) -> SimulationStep:
     Returns:
         Step 0, without odometry.
     """
+    check_generator(generator, "simulation")
     words = generator.integers(0, 2**32, size=4, dtype=np.uint64)
     state = SimulationState(
         step=0,

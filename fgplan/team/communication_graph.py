@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import networkx as nx
 import numpy as np
 
-from fgplan.checks import check_finite, check_not_negative
+from fgplan.checks import check_finite, check_generator, check_not_negative
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.typing import ArrayLike, BoolArray
 
@@ -113,6 +113,7 @@ class CommunicationGraph:
             InvalidInputError: If the nearest number of edges connects no team of that size, or is
                 more than all-to-all has; names the least and largest degree.
         """
+        check_generator(generator, "communication graph")
         count, all_pairs = len(robots), _pairs(robots)
         degree = check_not_negative(average_degree, "communication graph average_degree")
         edges = round(0.5 * count * degree)

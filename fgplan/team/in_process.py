@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fgplan.checks import check_finite, check_not_negative
+from fgplan.checks import check_finite, check_generator, check_not_negative
 from fgplan.errors import InvalidInputError, UnknownNameError
 from fgplan.team.envelope import Envelope, TrafficByKind, decode_envelope
 
@@ -150,6 +150,8 @@ class InProcessTransport:
             raise InvalidInputError(
                 "in-process transport: faults need a generator: numpy.random.default_rng(seed)"
             )
+        if generator is not None:
+            check_generator(generator, "in-process transport")
         for partition in faults.partitions if faults else ():
             for name in (name for group in partition.groups for name in group):
                 if name not in robots:

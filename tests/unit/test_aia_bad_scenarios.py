@@ -19,6 +19,8 @@ CASES = [
     (PROCESS, "process = [[1e-6, 1e-3], [1e-3, 1e-6]]", 2, "expected a positive semidefinite"),
     (PROCESS, "process = [[-1e-6, 0.0], [0.0, 1e-6]]", 2, "expected a positive semidefinite"),
     ("slope = 0.25", "slope = -0.25", 2, "got -0.25"),
+    (MEAN, "mean = [-1.0, 1.2]", 2, "expected a mean within the bounds [0.0, 0.0] to"),
+    (MEAN, "mean = [5.3, 99.0]", 2, "- at `$.targets[0].mean` (target 't0')"),
     (MEAN, "mean = [2.5, 3.0]", 2, "target 't0': expected a place in free space"),
     (OPTION, 'dynamics = "own_parts:nothing"', 2, "expected at least one control, got an empty"),
     (OPTION, 'f_control = "own_parts:first_only"', 2, "Assumption 3.2"),

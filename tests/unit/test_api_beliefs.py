@@ -110,3 +110,44 @@ def test_models_and_past_states_come_in_tuples():
             dataclasses.replace(problem, multi_robot=wrong)
     with pytest.raises(InvalidInputError, match="past_states: expected a tuple of PastState"):
         dataclasses.replace(problem, past_states=[3])
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda belief: belief.covariance("ann"),
+        lambda belief: belief.covariance(["ann", "bob"]),
+        lambda belief: belief.covariance(belief.keys[0], "ann"),
+        lambda belief: belief.dim("ann"),
+        lambda belief: belief.pose("ann"),
+        lambda belief: belief.point("ann"),
+        lambda belief: belief.marginal_covariances(["ann"]),
+        lambda belief: belief.square_root_information("ann"),
+    ],
+)
+def test_a_name_in_place_of_a_key_is_refused(ask):
+    problem, _ = scene()
+    with pytest.raises(InvalidInputError, match=r"an integer, got 'ann'; make .*symbol_key"):
+        ask(problem.prior)
+
+
+def test_a_key_that_is_no_integer_is_refused():
+    problem, _ = scene()
+    for key in (1.5, None):
+        with pytest.raises(InvalidInputError, match=f"an integer, got {key}"):
+            problem.prior.covariance(key)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("prior", (1, 2), r"prior: expected Belief, got tuple; make one: Belief\(graph, values\)"),
+        ("start_keys", [1], "start_keys: expected Mapping, got list; give the key of each"),
+        ("objective", (), "objective: expected Objective, got tuple"),
+        ("sensors", ["lidar"], "sensors: expected Mapping, got list; give each its name"),
+    ],
+)
+def test_parts_of_a_problem_of_another_kind_are_refused(name, value, words):
+    problem, _ = scene()
+    with pytest.raises(InvalidInputError, match=f"planning problem {words}"):
+        dataclasses.replace(problem, **{name: value})

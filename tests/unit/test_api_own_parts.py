@@ -167,6 +167,47 @@ def test_more_rows_than_numbers_are_refused():
         check_sensor(TooManyRows(wrong="rows"), POSE, POINT)
 
 
+class Bare(Beacon):
+    """Predicts what ``wrong`` says in place of a vector."""
+
+    def predict(self, pose, target):
+        value = super().predict(pose, target)
+        return {"float": float(value[0]), "list": list(value), "matrix": value[None]}[self.wrong]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "pose", "target", "words"),
+    [
+        (Beacon, POSE, POINT, r"got the class Beacon; make one: Beacon\(\.\.\.\)"),
+        ("beacon", POSE, POINT, "expected an AbstractSensor, got str; derive"),
+        (
+            RangeSensor(sigma_m=0.1),
+            POSE,
+            [1.0, 2.0, 3.0, 4.0],
+            "'range': target: expected 2 or 3 coordinates for a planar pose, got 4",
+        ),
+        (Beacon(), POSE, [1.0], "'beacon': target: expected 2 or 3 coordinates .*got 1"),
+        (
+            RangeSensor(sigma_m=0.1),
+            SPATIAL,
+            [1.0, 2.0],
+            "'range': target: expected 3 coordinates for a spatial pose, got 2",
+        ),
+        (
+            Bare(wrong="float"),
+            POSE,
+            POINT,
+            r"prediction of sensor 'beacon': expected an array of shape \(m,\), got float; .*numpy",
+        ),
+        (Bare(wrong="list"), POSE, POINT, "got list"),
+        (Bare(wrong="matrix"), POSE, POINT, r"got one of shape \(1, 1\)"),
+    ],
+)
+def test_what_cannot_be_checked_as_a_sensor_is_named(sensor, pose, target, words):
+    with pytest.raises(InvalidInputError, match=words):
+        check_sensor(sensor, pose, target)
+
+
 @pytest.fixture
 def functions(monkeypatch):
     monkeypatch.setattr(

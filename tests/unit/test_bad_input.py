@@ -35,10 +35,14 @@ from fgplan.io.scenario_file import read_scenario
 from fgplan.models.motion import MotionModel
 from fgplan.models.range_bearing import BearingRangeSensor
 from fgplan.models.relative_pose import RelativePoseSensor
-from fgplan.planners.impacted_paths.candidates import planning_problem
+from fgplan.planners.impacted_paths.candidates import candidate_sets, planning_problem
 from fgplan.planners.mission import Mission, MissionTarget
 from fgplan.planners.registry import find_planner
+from fgplan.simulation.simulate import simulate
+from fgplan.simulation.world import World, WorldRobot
+from fgplan.team.communication_graph import CommunicationGraph
 from fgplan.team.coordination import coordinate
+from fgplan.team.in_process import InProcessTransport
 from roadmaps import MapFileError, read_movingai_map, read_ros_map
 
 ROOT = Path(__file__).parents[2]
@@ -570,3 +574,47 @@ def test_files_are_refused_by_their_own_readers(tmp_path):
 def test_option_error_is_what_callers_of_either_kind_catch():
     assert issubclass(OptionError, InvalidInputError)
     assert issubclass(OptionError, UnknownNameError)
+
+
+@pytest.mark.parametrize(
+    ("call", "whose"),
+    [
+        (lambda mission, seed: find_planner("aia").plan(mission, seed), "planner 'aia'"),
+        (lambda mission, seed: find_planner("greedy").plan(mission, seed), "planner 'greedy'"),
+        (
+            lambda mission, seed: find_planner("distributed_aia").plan(mission, seed),
+            "planner 'distributed_aia'",
+        ),
+        (
+            lambda mission, seed: find_planner("intermittent").plan(mission, seed),
+            "planner 'intermittent'",
+        ),
+        (
+            lambda mission, seed: find_planner("impacted_paths").plan(mission, seed),
+            "candidate paths",
+        ),
+        (lambda mission, seed: find_planner("exhaustive").plan(mission, seed), "candidate paths"),
+        (lambda mission, seed: candidate_sets(mission, generator=seed), "candidate paths"),
+        (
+            lambda mission, seed: simulate(
+                World(robots=(WorldRobot(name="ann", pose=np.zeros(3)),)), {}, seed
+            ),
+            "simulation",
+        ),
+        (
+            lambda mission, seed: InProcessTransport(("ann", "bob"), None, seed),
+            "in-process transport",
+        ),
+        (
+            lambda mission, seed: CommunicationGraph.random_connected(("ann", "bob"), 1.0, seed),
+            "communication graph",
+        ),
+    ],
+)
+def test_a_seed_in_place_of_a_generator_is_refused(call, whose):
+    with pytest.raises(InvalidInputError) as refused:
+        call(load_mission(EXAMPLE), 7)
+    assert str(refused.value) == (
+        f"{whose}: generator: expected a numpy.random.Generator, got 7; pass "
+        "numpy.random.default_rng(7)"
+    )

@@ -109,6 +109,46 @@ def test_unknown_options_and_unreachable_limits_are_said_clearly(name):
         planner.plan(hard, np.random.default_rng(0))
 
 
+@pytest.mark.parametrize("name", ["aia", "distributed_aia", *BASELINES])
+def test_no_plan_names_the_target_farthest_from_the_limit(name):
+    """One whose prior is so wide that no few steps bring it near the others."""
+    mission = load_mission(SCENARIO)
+    wide = dataclasses.replace(mission.targets[2], covariance=1e6 * np.eye(2))
+    few = {"iterations": 5} if name.endswith("aia") else {"nodes": 5, "steps": 2, "seconds": 5.0}
+    for scope, words in (
+        ("each", f"times the limit, at target '{wide.name}', the farthest from it; relax delta"),
+        ("joint", "times the limit; relax delta"),
+    ):
+        if name == "distributed_aia" and scope == "joint":
+            continue  # refused there
+        hard = dataclasses.replace(
+            mission,
+            targets=(*mission.targets[:2], wide, *mission.targets[3:]),
+            options={"delta": 1e-9, "constraint_scope": scope, **few},
+        )
+        with pytest.raises(NoCandidatePathError, match=words):
+            find_planner(name).plan(hard, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("name", ["aia", "distributed_aia", "intermittent", *BASELINES])
+def test_a_slip_in_an_option_s_name_lists_every_option_nearest_first(name):
+    mission = dataclasses.replace(load_mission(SCENARIO), options={"dleta": 1.8e-4})
+    with pytest.raises(OptionError) as refused:
+        find_planner(name).plan(mission, np.random.default_rng(0))
+    said = str(refused.value)
+    begin = f"option 'dleta' of planner '{name}': expected one of delta, "
+    assert said.startswith(begin)
+    assert said.endswith("; did you mean 'delta'?")
+    listed = said.removesuffix("; did you mean 'delta'?").split("expected one of ")[1].split(", ")
+    expected = {
+        "aia": {"preset", "dynamics", "p_group", "restarts", "f_control", "least_group"},
+        "distributed_aia": {"preset", "dynamics", "p_group", "kappa", "graph", "messages"},
+        "intermittent": {"teams", "steps", "samples", "sync"},
+    }.get(name, {"dynamics", "terminal_goals", "nodes", "steps"})
+    assert expected <= set(listed)
+    assert len(set(listed)) == len(listed)
+
+
 def test_bad_budgets_and_dynamics_are_refused():
     mission = load_mission(SCENARIO)
     for options, message in (

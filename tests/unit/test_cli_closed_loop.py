@@ -303,7 +303,7 @@ def test_robots_in_space(tmp_path):
         ([("spacing_m = 8.0", "spacing_m = 8.0\norder = 'random'")], r"got order .*paths\.order`"),
         ([("spacing_m = 8.0", "spacing_m = -8.0")], r"spacing_m.*planner\.impacted_paths`"),
         ([("compare = true", "comparison = true")], "unknown field `comparison`; expected one of"),
-        ([("compare = true", "kind = 'dance'")], "Invalid enum value 'dance'"),
+        ([("compare = true", "kind = 'dance'")], "expected 'closed_loop', got 'dance'"),
         ([("compare = true", "runs = 0")], r">= 1, got 0 - at `\$\.simulation\.runs`"),
         ([("compare = true", "options.rate = 3")], r"got rate - at `\$\.simulation\.options`"),
         (

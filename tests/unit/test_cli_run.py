@@ -184,6 +184,57 @@ def test_own_planner_lies_beside_the_scenario(tmp_path, capsys):
     assert main(["plot", str(out)]) == 0
 
 
+WHAT = "planner 'other_planner:Other': expected plan(mission, generator, progress)"
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        ("def plan(self, mission, generator, progress=None): return 'up'", "Plan, got str"),
+        ("def plan(self, mission, generator, progress=None): pass", "Plan, got None"),
+        ("def plan(self, mission): return None", "got plan(mission)"),
+        ("def plan(self, mission, *, generator, progress): pass", "got plan(mission, *, gen"),
+        ("plan = 3", "got no method"),
+    ],
+)
+def test_own_planner_that_takes_or_returns_something_else(
+    tmp_path, capsys, monkeypatch, method, message
+):
+    monkeypatch.delitem(sys.modules, "other_planner", raising=False)  # the case before
+    (tmp_path / "other_planner.py").write_text(f"class Other:\n    name = 'other'\n    {method}\n")
+    text = EXAMPLE.read_text().replace("impacted_paths", "other_planner:Other", 1)
+    (tmp_path / "team.toml").write_text(text)
+    assert main(["run", str(tmp_path / "team.toml"), "--out", str(tmp_path / "out")]) == 2
+    said = [one for one in capsys.readouterr().err.splitlines() if one.startswith("fgplan: ")]
+    assert len(said) == 1
+    assert WHAT in said[0]
+    assert message in said[0]
+    assert "team.toml" in said[0]
+
+
+def test_an_own_planner_s_own_exception_stays_one(tmp_path):
+    (tmp_path / "failing_planner.py").write_text(
+        "class Failing:\n    name = 'failing'\n"
+        "    def plan(self, mission, generator, progress=None):\n        return len(3)\n"
+    )
+    text = EXAMPLE.read_text().replace("impacted_paths", "failing_planner:Failing", 1)
+    (tmp_path / "team.toml").write_text(text)
+    with pytest.raises(TypeError, match=r"has no len\(\)"):
+        main(["run", str(tmp_path / "team.toml"), "--out", str(tmp_path / "out")])
+
+
+def test_a_planner_s_class_that_needs_arguments_is_refused(tmp_path, capsys):
+    (tmp_path / "needy_planner.py").write_text(
+        "class Needy:\n    name = 'needy'\n    def __init__(self, weight): pass\n"
+        "    def plan(self, mission, generator, progress=None): pass\n"
+    )
+    text = EXAMPLE.read_text().replace("impacted_paths", "needy_planner:Needy", 1)
+    (tmp_path / "team.toml").write_text(text)
+    assert main(["run", str(tmp_path / "team.toml"), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "expected a class made without arguments, got Needy(weight)" in said
+
+
 @pytest.mark.usefixtures("no_pictures")
 def test_exhaustive_planner_runs_from_a_scenario(tmp_path):
     text = EXAMPLE.read_text().replace("impacted_paths", "exhaustive")

@@ -91,8 +91,51 @@ def test_yaml_gives_the_same_scenario(tmp_path):
             edited("start = [1, 1, 0]", "start = [1, inf, 0]"),
             ["finite", "got inf", "$.robots[0].start[1]"],
         ),
-        (edited("schema = 1", "schema = 2"), ["got 2", "$.schema"]),
-        (edited("schema = 1\n", "\n"), ["schema", "missing"]),
+        (edited("schema = 1", "schema = 2"), ["expected 1, got 2 - at `$.schema`"]),
+        (
+            edited("schema = 1\n", "\n"),
+            ["missing required field `schema`; it has", "; write schema = 1 - at `$`"],
+        ),
+        (
+            edited("[planner]", "[objective]\npreset = 'length_and_uncertanty'\n[planner]"),
+            [
+                "toml: expected 'length_and_uncertainty', got 'length_and_uncertanty'; did you "
+                "mean 'length_and_uncertainty'? - at `$.objective.preset`"
+            ],
+        ),
+        (
+            edited("[planner]", "[team]\norder = 'sorted'\n[planner]"),
+            ["toml: expected one of 'fixed', 'random', got 'sorted' - at `$.team.order`"],
+        ),
+        (
+            edited("[planner]", "[[objective.terms]]\nkind = 'path_lenght'\n[planner]"),
+            [
+                "toml: expected one of 'path', 'path_length', 'travel_time', 'uncertainty', got "
+                "'path_lenght'; did you mean 'path_length'? - at `$.objective.terms[0].kind`"
+            ],
+        ),
+        (
+            edited("[planner]", "[[objective.terms]]\nweight = 1.0\n[planner]"),
+            ["it has weight; kind is one of 'path', 'path_length', 'travel_time', 'uncertainty'"],
+        ),
+        (
+            edited(
+                "[planner]",
+                "[[objective.terms]]\nkind = 'uncertainty'\nlandmarks = 'al'\n[planner]",
+            ),
+            ["expected 'all' or a list, got 'al'; did you mean 'all'? - at"],
+        ),
+        (
+            edited("[planner]", "[prior]\nkind = 'g2'\n[planner]"),
+            ["expected one of 'g2o', ", ", got 'g2'; did you mean 'g2o'? - at `$.prior.kind`"],
+        ),
+        (
+            edited("[planner]", "[prior]\nfile = 'a.g2o'\n[planner]"),
+            [
+                "missing required field `kind`; it has file; kind is one of 'g2o', 'independent', "
+                "'mrclam', 'pyfg', 'python', 'tum' - at `$.prior`"
+            ],
+        ),
         (edited("[world]\n", "[world]\ncolour = 3\n"), ["unknown field `colour`", "$.world"]),
         (edited('name = "bob"', 'name = "ann"'), ["unique", "'ann'", "$.robots[1].name"]),
         (
@@ -120,6 +163,12 @@ def test_refusal_names_file_field_expectation_and_what_came(tmp_path, text, word
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+def test_a_missing_field_of_yaml_is_written_as_yaml(tmp_path):
+    text = yaml.safe_dump(tomllib.loads(edited("schema = 1\n", "\n")))
+    with pytest.raises(ScenarioError, match="; write schema: 1 - at"):
+        read_scenario(write(tmp_path, text, "team.yaml"))
 
 
 def test_yaml_number_trap_is_explained(tmp_path):

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fgplan.checks import check_positive
+from fgplan.checks import check_generator, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
@@ -76,13 +76,18 @@ class Clock:
         return over or self.nodes >= self.budget.nodes
 
     def result(
-        self, path: TeamPath | None, shortfall: float, walked: TeamPath | None = None
+        self,
+        path: TeamPath | None,
+        shortfall: float,
+        farthest: str,
+        walked: TeamPath | None = None,
     ) -> "BaselineResult":
         """Close the account.
 
         Args:
             path: What was found.
             shortfall: Least shortfall reached.
+            farthest: Target farthest from its limit there; empty of a joint constraint.
             walked: Where a myopic planner went.
 
         Returns:
@@ -90,7 +95,12 @@ class Clock:
         """
         seconds = time.perf_counter() - self.began
         return BaselineResult(
-            plan=path, shortfall=shortfall, nodes=self.nodes, seconds=seconds, walked=walked
+            plan=path,
+            shortfall=shortfall,
+            farthest=farthest,
+            nodes=self.nodes,
+            seconds=seconds,
+            walked=walked,
         )
 
 
@@ -101,6 +111,7 @@ class BaselineResult:
     Attributes:
         plan: The path; None if no feasible one was found within the budget.
         shortfall: Worst target's number over its limit at the best state.
+        farthest: That target; empty of a joint constraint.
         nodes: States kept or simulated.
         seconds: Real seconds.
         walked: Where a myopic planner went, though it may not have come to its end; None of those
@@ -109,6 +120,7 @@ class BaselineResult:
 
     plan: TeamPath | None
     shortfall: float
+    farthest: str
     nodes: int
     seconds: float
     walked: TeamPath | None = None
@@ -149,6 +161,7 @@ class BaselinePlanner:
             NoCandidatePathError: If no feasible plan was found within the budget.
             OptionError: If an option is not known or not usable.
         """
+        check_generator(generator, f"planner {self.name!r}")
         check_option_names(mission.options, self.option_tables, self.name)
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         try:
@@ -160,7 +173,9 @@ class BaselinePlanner:
             progress(0, 0, self.name)
         found = self.solve(problem, budget, generator)
         if found.plan is None:
-            raise no_plan(self.name, problem, found.shortfall, "the budget is spent")
+            raise no_plan(
+                self.name, problem, found.shortfall, "the budget is spent", found.farthest
+            )
         return mission_plan(
             mission,
             problem,

@@ -13,6 +13,7 @@ from fgplan.planners.aia.extension_kernels import append_node
 from fgplan.planners.aia.ground import Ground
 from fgplan.planners.aia.grow_kernels import grow
 from fgplan.planners.aia.information_kernels import team_information
+from fgplan.planners.aia.judgement import Judgement
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.team_path import TeamPath
@@ -127,6 +128,13 @@ class Growth(Ground):
     def shortfall(self) -> float:
         """Least shortfall of any node."""
         return float(self.tree.best[SHORTFALL])
+
+    @property
+    def farthest(self) -> str:
+        """Name of the target farthest from its limit there; empty of a joint constraint."""
+        node = int(self.tree.counts[CLOSEST])
+        row, depth = self.tree.covariance[node], int(self.tree.depth[node])
+        return Judgement(self.problem).farthest(row, depth)
 
     @property
     def bytes_per_node(self) -> float:

@@ -89,14 +89,7 @@ class Judgement:
         terminal, criteria = self._problem.terminal, self._criteria
         joint = terminal.scope == "joint"
         if not self._compiled:
-            values = self._numbers(row, terminal.function, time, joint=joint)
-            limits = terminal.limits(self._problem.targets)
-            if terminal.function == "mutual_information":
-                # As of a determinant, of the joint one its root: at least the limit is wanted.
-                over = np.exp(2.0 * (limits - values) / (self._problem.hidden.size if joint else 1))
-            else:
-                over = np.where(limits > 0.0, values / np.where(limits > 0.0, limits, 1.0), 0.0)
-                over = np.where(limits > 0.0, over, np.exp(values - limits))
+            over = self._ratios(row, time)
             each = over <= 1.0
             return float(over.max()), np.broadcast_to(each, (self._problem.targets,)).copy()
         name = next(name for name, code in BUILT_IN.items() if code == criteria.terminal)
@@ -109,3 +102,33 @@ class Judgement:
             return float(np.exp(over / self._problem.hidden.size)), satisfied
         whole = self._numbers(row, name, joint=True)[0]
         return float(whole / criteria.threshold[0]), satisfied
+
+    def farthest(self, row: FloatArray, time: int) -> str:
+        """Name of the target farthest from the terminal constraint; empty of a joint one.
+
+        Args:
+            row: Covariances, shape (width,).
+            time: As for ``judge``.
+        """
+        if self._problem.terminal.scope == "joint":
+            return ""
+        if not self._compiled:
+            over = self._ratios(row, time)
+        else:
+            name = next(one for one, code in BUILT_IN.items() if code == self._criteria.terminal)
+            over = self._numbers(row, name, joint=False) / self._criteria.threshold
+        return self._problem.hidden.targets[int(np.argmax(over))]
+
+    def _ratios(self, row: FloatArray, time: int) -> FloatArray:
+        """Numbers of a function that the kernels do not know, over their limits."""
+        terminal = self._problem.terminal
+        joint = terminal.scope == "joint"
+        values = self._numbers(row, terminal.function, time, joint=joint)
+        limits = terminal.limits(self._problem.targets)
+        if terminal.function == "mutual_information":
+            # As of a determinant, of the joint one its root: at least the limit is wanted.
+            return np.asarray(
+                np.exp(2.0 * (limits - values) / (self._problem.hidden.size if joint else 1))
+            )
+        over = np.where(limits > 0.0, values / np.where(limits > 0.0, limits, 1.0), 0.0)
+        return np.where(limits > 0.0, over, np.exp(values - limits))

@@ -272,6 +272,7 @@ def no_plan(
     problem: AcquisitionProblem,
     shortfall: float,
     why: str,
+    farthest: str = "",
     remedy: str = "relax delta, or give a larger budget",
 ) -> Exception:
     """The error of a search without a feasible plan, with the best uncertainty that it reached.
@@ -281,6 +282,7 @@ def no_plan(
         problem: What was planned for.
         shortfall: Worst target's number over its limit at the node nearest to feasible.
         why: Why the search ended.
+        farthest: Name of that target; empty where the constraint is of the joint covariance.
         remedy: What to do.
 
     Returns:
@@ -294,8 +296,9 @@ def no_plan(
         number = ""
         if one and problem.terminal.scope == "each" and problem.terminal.function in SCALED:
             number = f"{shortfall * limit[0]:.3g}, "
-        best = f"; the best uncertainty reached is {number}{shortfall:.3g} times the limit, at the "
-        best += "target farthest from it"
+        best = f"; the best uncertainty reached is {number}{shortfall:.3g} times the limit"
+        if farthest:
+            best += f", at target {farthest!r}, the farthest from it"
     return NoCandidatePathError(
         f"planner {planner!r}: no plan brings the {problem.terminal.function} to {limits}: {why}"
         f"{best}; {remedy}"

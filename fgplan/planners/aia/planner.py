@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.errors import InvalidInputError, OptionError
 from fgplan.evaluation.registry import find_object
 from fgplan.planners.aia.densities import Densities
@@ -91,6 +92,7 @@ class AiaPlanner:
         """
         from fgplan.planners.aia.search import search
 
+        check_generator(generator, f"planner {self.name!r}")
         check_option_names(mission.options, self.option_tables, self.name)
         own, others = split_options(mission.options, PROBLEM_OPTIONS)
         problem = mission_problem(mission, read_problem_options(own))
@@ -103,8 +105,8 @@ class AiaPlanner:
                 raise KeyboardInterrupt
             why = found.reason or _WHY.get(found.ending, found.ending)
             if found.reason:
-                raise no_plan(self.name, problem, np.inf, why, "relax delta")
-            raise no_plan(self.name, problem, found.shortfall, why)
+                raise no_plan(self.name, problem, np.inf, why, remedy="relax delta")
+            raise no_plan(self.name, problem, found.shortfall, why, found.farthest)
         warnings = () if found.ending != "interrupted" else ("interrupted: the best plan so far",)
         return mission_plan(
             mission,

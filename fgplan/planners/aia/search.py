@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.planners.aia.densities import Densities
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.growth import Growth
@@ -49,6 +50,7 @@ class SearchResult:
         seconds: Real seconds of ``setup`` (geodesic fields, arrays) and ``search``.
         improvements: (seconds since the search began, cost) of each best plan.
         reason: Why the terminal constraint is unreachable, if that is known beforehand.
+        farthest: Target farthest from its limit at the closest node; empty of a joint constraint.
     """
 
     plan: TeamPath | None
@@ -61,6 +63,7 @@ class SearchResult:
     seconds: dict[str, float]
     improvements: tuple[tuple[float, float], ...] = ()
     reason: str = ""
+    farthest: str = ""
 
 
 @dataclass(slots=True)
@@ -72,6 +75,7 @@ class _Clock:
     best: TeamPath | None = None
     closest: TeamPath | None = None
     shortfall: float = float("inf")
+    farthest: str = ""
     improvements: list[tuple[float, float]] = field(default_factory=list)
 
     @property
@@ -93,6 +97,7 @@ class _Clock:
         if growth.shortfall < self.shortfall:
             self.shortfall = growth.shortfall
             self.closest = growth.closest_path()
+            self.farthest = growth.farthest
 
 
 @one_blas_thread()
@@ -121,6 +126,7 @@ def search(
     Raises:
         InvalidInputError: If the problem, or a user's own part, is not usable.
     """
+    check_generator(generator, "search")
     if options.dominance != "off":
         check_monotone(problem)
     reason = unreachable_reason(problem, options.measure_at)
@@ -156,6 +162,7 @@ def search(
         seconds=seconds,
         improvements=tuple(clock.improvements),
         reason=reason,
+        farthest=clock.farthest,
     )
 
 

@@ -13,6 +13,7 @@ from fgplan.checks import check_positive
 from fgplan.errors import InvalidInputError
 from fgplan.planners.aia.arrays import prepare, unpacked
 from fgplan.planners.aia.densities import Densities
+from fgplan.planners.aia.judgement import Judgement
 from fgplan.planners.aia.options import TreeOptions
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.stepped_growth import SteppedGrowth
@@ -166,6 +167,14 @@ class TeamModel:
             state: The team.
         """
         return self._growth.judgement.judge(state.covariance, state.time)[0]
+
+    def farthest(self, state: TeamState) -> str:
+        """Name of the target farthest from its limit; empty of a joint constraint.
+
+        Args:
+            state: The team.
+        """
+        return Judgement(self._growth.problem).farthest(state.covariance, state.time)
 
     def is_final(self, state: TeamState) -> bool:
         """Whether the terminal constraint holds, terminal goals included.

@@ -73,7 +73,7 @@ def search_decentralised(
             if model.is_final(state):
                 break
     path = model.path(state) if model.is_final(state) else None
-    return clock.result(path, model.shortfall(state))
+    return clock.result(path, model.shortfall(state), model.farthest(state))
 
 
 def _agree(

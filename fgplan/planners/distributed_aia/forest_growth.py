@@ -13,6 +13,7 @@ import numpy as np
 from fgplan.planners.aia.arrays import prepare
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.ground import Ground
+from fgplan.planners.aia.judgement import Judgement
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.aia.tree_kernels import (
     CLOSEST,
@@ -254,6 +255,14 @@ class ForestGrowth(Ground):
         """Row and number of the node of least shortfall."""
         row = int(np.argmin(self.forest.trees.best[: self._own, SHORTFALL]))
         return row, int(self.forest.trees.counts[row, CLOSEST])
+
+    @property
+    def farthest(self) -> str:
+        """Name of the target farthest from its limit there; empty of a joint constraint."""
+        row, node = self.closest()
+        trees = self.forest.trees
+        judgement = Judgement(self.problem)
+        return judgement.farthest(trees.covariance[row, node], int(trees.depth[row, node]))
 
     def counted(self) -> dict[str, int]:
         """What was counted, over all rows that grow here."""

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fgplan.checks import check_positive
+from fgplan.checks import check_generator, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
@@ -139,6 +139,7 @@ def read_mission_team(mission: Mission, generator: np.random.Generator) -> Missi
         OptionError: If an option is not known or not usable.
         InvalidInputError: If the mission is not one of gathering information.
     """
+    check_generator(generator, "planner 'distributed_aia'")
     check_option_names(mission.options, OPTION_TABLES, "distributed_aia")
     own, others = split_options(mission.options, PROBLEM_OPTIONS)
     talk, others = split_options(others, _EXCHANGE_OPTIONS)

@@ -187,7 +187,8 @@ class DistributedAiaPlanner:
         )
         reason = unreachable_reason(team.problem)
         if reason:
-            raise no_plan(self.name, team.problem, state.growth.shortfall, reason)
+            growth = state.growth
+            raise no_plan(self.name, team.problem, growth.shortfall, reason, growth.farthest)
         return RobotProgram(
             robot=robot,
             participants=participants(self, mission),
@@ -232,7 +233,9 @@ def _plan_of(mission: Mission, team: MissionTeam, found: "DistributedResult") ->
     """
     if found.plan is None:
         why = found.reason or _WHY.get(found.ending, found.ending)
-        raise no_plan(DistributedAiaPlanner.name, team.problem, found.shortfall, why)
+        raise no_plan(
+            DistributedAiaPlanner.name, team.problem, found.shortfall, why, found.farthest
+        )
     return mission_plan(
         mission,
         team.problem,

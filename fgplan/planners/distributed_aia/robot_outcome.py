@@ -32,6 +32,7 @@ class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
         plan: The plan of its part of the team, None for none.
         sweeps: Its iterations.
         shortfall: Least shortfall of any of its nodes.
+        farthest: Target farthest from its limit there; empty of a joint constraint.
         counts: What was counted.
         bytes_per_node: Memory by room for a node.
         replayed: Team paths replayed and refused.
@@ -41,6 +42,7 @@ class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
     plan: PlanMessage | None
     sweeps: int
     shortfall: float
+    farthest: str
     counts: dict[str, int]
     bytes_per_node: float
     replayed: tuple[int, int]
@@ -57,6 +59,7 @@ def outcome_of(state: RobotState) -> RobotOutcome:
         plan=state.plan,
         sweeps=state.growth.sweep,
         shortfall=state.growth.shortfall,
+        farthest=state.growth.farthest,
         counts=state.growth.counted(),
         bytes_per_node=state.growth.bytes_per_node,
         replayed=state.replayed,
@@ -127,12 +130,14 @@ def joined_result(
     for outcome in there:
         for name, number in outcome.counts.items():
             counts[name] = counts.get(name, 0) + number
+    nearest = min(there, key=lambda outcome: outcome.shortfall)
     endings = ["lost" if one is None else one.ending for one in outcomes]
     return DistributedResult(
         plan=joined_plan(growth, [None if one is None else one.plan for one in outcomes]),
         ending="unreachable" if reason else _ending(endings),
         sweeps=max(outcome.sweeps for outcome in there),
-        shortfall=min(outcome.shortfall for outcome in there),
+        shortfall=nearest.shortfall,
+        farthest=nearest.farthest,
         counts=counts,
         bytes_per_node=there[0].bytes_per_node,
         seconds=dict(seconds),

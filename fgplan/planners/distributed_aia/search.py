@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.planners.aia.geodesic_fields import GeodesicFields
 from fgplan.planners.aia.lower_bound import unreachable_reason
 from fgplan.planners.aia.problem import AcquisitionProblem
@@ -43,6 +44,7 @@ class DistributedResult:
         bytes_per_node: Memory by room for a node of one robot.
         seconds: Real seconds of ``setup`` and ``search``.
         reason: Why the terminal constraint is unreachable, if that is known beforehand.
+        farthest: Target farthest from its limit at that node; empty of a joint constraint.
         candidates: Team paths that were replayed, and those ``refused`` there.
         refused: As said.
     """
@@ -57,6 +59,7 @@ class DistributedResult:
     candidates: int
     refused: int
     reason: str = ""
+    farthest: str = ""
 
 
 class _Parts:
@@ -129,6 +132,7 @@ def search_distributed(
     Raises:
         InvalidInputError: If the problem is of a kind that these trees do not know.
     """
+    check_generator(generator, "search")
     reason = unreachable_reason(problem)
     began = time.perf_counter()
     generators = generator.spawn(len(problem.robots))
@@ -149,6 +153,7 @@ def search_distributed(
         candidates=parts.candidates,
         refused=parts.refused,
         reason=reason,
+        farthest=growth.farthest,
     )
 
 

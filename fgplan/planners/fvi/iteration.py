@@ -46,7 +46,7 @@ def iterate_values(
     clock = budget.start()
     root = model.start()
     best = root if model.is_final(root) else None
-    shortfall = model.shortfall(root)
+    closest, shortfall = root, model.shortfall(root)
     layer = [] if best is not None else [root]
     while layer:
         groups: dict[tuple[int, ...], tuple[list[TeamState], list[FloatArray]]] = {}
@@ -60,11 +60,12 @@ def iterate_values(
                 if _keep(groups, after, packed=problem.packed, dominance=dominance):
                     clock.nodes += 1
                 if clock.late:
-                    return clock.result(None, shortfall)
+                    return clock.result(None, shortfall, model.farthest(closest))
         layer = []
         for states, _ in groups.values():
             for after in states:
-                shortfall = min(shortfall, model.shortfall(after))
+                if (reached := model.shortfall(after)) < shortfall:
+                    closest, shortfall = after, reached
                 if model.is_final(after):
                     if best is None or after.cost < best.cost:
                         best = after
@@ -72,8 +73,9 @@ def iterate_values(
                     layer.append(after)
         layer = [state for state in layer if best is None or state.cost < best.cost]
         if layer and layer[0].time >= budget.steps:
-            return clock.result(None, shortfall)
-    return clock.result(None if best is None else model.path(best), shortfall)
+            return clock.result(None, shortfall, model.farthest(closest))
+    path = None if best is None else model.path(best)
+    return clock.result(path, shortfall, model.farthest(closest))
 
 
 def _keep(

@@ -38,7 +38,7 @@ def choose_greedily(
         clock.nodes += 1
     walked = model.path(state)
     path = walked if model.is_final(state) else None
-    return clock.result(path, model.shortfall(state), walked)
+    return clock.result(path, model.shortfall(state), model.farthest(state), walked)
 
 
 def _controls(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 import networkx as nx
 import numpy as np
 
+from fgplan.checks import check_generator
 from fgplan.errors import InvalidInputError, NoCandidatePathError, UnknownNameError
 from fgplan.evaluation.problem import PlanningProblem
 from fgplan.models.pose import position
@@ -75,6 +76,7 @@ def candidate_sets(
         options = read_options(CandidateOptions, given, "candidate_sets")
     if generator is None:
         generator = np.random.default_rng(mission.seed)
+    check_generator(generator, "candidate paths")
     if not mission.robots:
         raise InvalidInputError("mission: expected at least one robot, got none")
     problem = planning_problem(mission)

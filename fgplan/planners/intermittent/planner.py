@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fgplan.checks import check_positive
+from fgplan.checks import check_generator, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError, UnknownNameError
 from fgplan.models.hidden_state import HiddenBlock, HiddenState
 from fgplan.models.sensor import AbstractSensor
@@ -122,6 +122,7 @@ class IntermittentPlanner:
             NoCandidatePathError: If obstacles keep a team apart.
         """
         began = time.perf_counter()
+        check_generator(generator, f"planner {self.name!r}")
         own, segment = read_options(mission.options)
         setup, starts, estimate = mission_team(
             mission, own, segment, int(generator.integers(2**31))

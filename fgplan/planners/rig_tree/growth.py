@@ -37,7 +37,7 @@ def grow_rig_tree(
     robots = len(problem.robots)
     places = np.empty((_FIRST, 2 * robots))
     places[0] = model.poses(states[0].rows)[:, :2].ravel()
-    shortfall = model.shortfall(states[0])
+    closest, shortfall = states[0], model.shortfall(states[0])
     radius = 0.5 * min(robot.primitives.reach_m() for robot in problem.robots)
     lower, upper = problem.workspace.lower, problem.workspace.upper
     tries = 0
@@ -57,10 +57,11 @@ def grow_rig_tree(
         places[len(states)] = place
         states.append(after)
         clock.nodes = len(states)
-        shortfall = min(shortfall, model.shortfall(after))
+        if (reached := model.shortfall(after)) < shortfall:
+            closest, shortfall = after, reached
         if model.is_final(after):
-            return clock.result(model.path(after), shortfall)
-    return clock.result(None, shortfall)
+            return clock.result(model.path(after), shortfall, model.farthest(closest))
+    return clock.result(None, shortfall, model.farthest(closest))
 
 
 def _steer(model: TeamModel, state: TeamState, sample: FloatArray) -> IntArray:

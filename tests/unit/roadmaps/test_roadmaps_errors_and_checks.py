@@ -79,3 +79,30 @@ def test_read_only_copies():
     assert kept[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         kept[0] = 2.0
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda yard, square, seed: roadmaps.build_prm(yard, 30, seed),
+        lambda yard, square, seed: roadmaps.sample_positions(yard, 3, seed),
+        lambda yard, square, seed: roadmaps.RRT(yard, [1.0, 1.0], seed, step_m=1.0),
+        lambda yard, square, seed: roadmaps.RRTStar(yard, [1.0, 1.0], seed, step_m=1.0),
+        lambda yard, square, seed: roadmaps.RRG(yard, [1.0, 1.0], seed, step_m=1.0),
+        lambda yard, square, seed: roadmaps.find_perturbed_paths(square, 0, 1, 2, seed),
+        lambda yard, square, seed: roadmaps.find_penalty_paths(
+            square, 0, 1, 2, jitter=0.1, rng=seed
+        ),
+        lambda yard, square, seed: roadmaps.find_candidate_paths(
+            square, 0, 1, 2, method="perturbed", rng=seed
+        ),
+    ],
+)
+def test_a_seed_in_place_of_a_generator_is_refused(call):
+    yard = roadmaps.Workspace(lower=[0, 0], upper=[20, 20])
+    square = roadmaps.build_prm(yard, 20, np.random.default_rng(0))
+    with pytest.raises(ParameterError) as refused:
+        call(yard, square, 7)
+    assert str(refused.value) == (
+        "rng: expected a numpy.random.Generator, got 7; pass numpy.random.default_rng(7)"
+    )
