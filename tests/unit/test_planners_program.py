@@ -119,6 +119,11 @@ def test_a_robot_that_was_lost_leaves_the_plan_that_its_teammates_hold():
     assert not found.agreed
 
 
+def test_reports_of_robots_without_a_plan_name_the_target_farthest_from_the_limit():
+    with pytest.raises(NoCandidatePathError, match=r"times the limit, at target 't\d', the farth"):
+        from_programs(find_planner("distributed_aia"), GATHERING, iterations=5)
+
+
 def test_programs_that_cannot_be_made_are_refused():
     planner = find_planner("distributed_aia")
     mission = load_mission(GATHERING)
