@@ -92,7 +92,12 @@ def _execute_work(
         progress=progress,
         record=record,
     )
-    outcome = function(options)
+    try:
+        outcome = function(options)
+    except (FgplanError, RoadmapError):
+        if not any(folder.iterdir()):  # refused before anything was done
+            folder.rmdir()
+        raise
     progress.close()
     result = ResultFile(
         command=command,

@@ -125,7 +125,8 @@ def summary_lines(plan: Plan) -> list[str]:
         Lines to print.
     """
     lines = [f"{plan.mission}: planner {plan.planner}, seed {plan.seed}"]
-    lines += [_robot_line(item) for item in plan.robots]
+    lost = plan.details.get("lost", ())
+    lines += [_robot_line(item, lost=item.robot in lost) for item in plan.robots]
     lines += _target_lines(plan)
     if plan.objective:
         first, last = plan.objective[0].value, plan.objective[-1].value
@@ -141,10 +142,10 @@ def summary_lines(plan: Plan) -> list[str]:
     return lines + [f"warning: {warning}" for warning in plan.warnings]
 
 
-def _robot_line(item: RobotPlan) -> str:
+def _robot_line(item: RobotPlan, *, lost: bool) -> str:
     """What one robot is to do and what it will know of where it is."""
     if item.path is None:
-        return f"  {item.robot}: stays"
+        return f"  {item.robot}: {'was lost before it had a path' if lost else 'stays'}"
     line = f"  {item.robot}: "
     if item.candidate >= 0:
         line += f"candidate {item.candidate} of {item.candidates}, "

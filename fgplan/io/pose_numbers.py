@@ -5,6 +5,9 @@ import numpy as np
 
 from fgplan.io.place import Place
 
+MOST_HEADING_RAD = 4.0 * np.pi
+"""A heading beyond two turns is taken for one in degrees."""
+
 _UNIT_TOLERANCE = 1e-3
 
 
@@ -19,9 +22,15 @@ def gtsam_pose(numbers: tuple[float, ...], place: Place) -> gtsam.Pose2 | gtsam.
         The pose ``wTr``.
 
     Raises:
-        ScenarioError: If there are neither 3 nor 7, or the quaternion is not of unit length.
+        ScenarioError: If there are neither 3 nor 7, a heading cannot be radians, or the quaternion
+            is not of unit length.
     """
     if len(numbers) == 3:
+        if abs(numbers[2]) > MOST_HEADING_RAD:
+            raise place.error(
+                f"expected a heading within two turns, radians, got {numbers[2]:g}; is it in "
+                "degrees?"
+            )
         return gtsam.Pose2(*numbers)
     if len(numbers) != 7:
         raise place.error(

@@ -60,8 +60,9 @@ def plan_of_files(
         lost: Why a participant handed in nothing, where it is known.
 
     Returns:
-        The plan. ``traffic`` sums over participants; ``seconds`` is the longest of any of them by
-        stage: ``setup``, ``wait`` for the team, ``run``.
+        The plan. ``details`` names in ``lost`` who handed in nothing, if anybody; ``traffic`` sums
+        over participants; ``seconds`` is the longest of any of them by stage: ``setup``, ``wait``
+        for the team, ``run``.
 
     Raises:
         NoCandidatePathError: If there is no feasible plan.
@@ -91,10 +92,12 @@ def plan_of_files(
             sums = traffic.setdefault(kind, dict.fromkeys(counts, 0))
             for count, value in counts.items():
                 sums[count] = sums.get(count, 0) + value
+    gone = [name for name in names if name not in there]
     return replace(
         plan,
         traffic=traffic,
         seconds={**plan.seconds, **seconds},
+        details={**plan.details, "lost": gone} if gone else plan.details,
         warnings=(*plan.warnings, *_warnings(names, there, lost or {})),
     )
 

@@ -181,6 +181,7 @@ def test_what_went_wrong_at_a_robot_is_in_the_warnings(handed_in):
         "robot 'ann' refused 3 messages (form), the first from robot 'bob': truncated",
         "robot 'bob' was lost: ended by signal 9",
     )
+    assert plan.details["lost"] == ["bob"]
     plan = plan_of_files(planner, mission, {"ann": files["ann"]})
     assert plan.warnings == ("robot 'bob' was lost: it handed in nothing",)
 
