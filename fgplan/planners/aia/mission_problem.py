@@ -28,6 +28,7 @@ from fgplan.planners.aia.problem import (
 )
 from fgplan.planners.aia.team_path import TeamPath
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_checks import check_switch
 from fgplan.planners.plan import ObjectiveValue, Plan, RobotPlan
 from fgplan.typing import FloatArray
 
@@ -68,11 +69,7 @@ class ProblemOptions:
         """Check the numbers."""
         for name in ("step_m", "step_s", "goal_radius_m"):
             check_positive(getattr(self, name), f"planner option {name}")
-        if not isinstance(self.terminal_goals, bool):
-            raise InvalidInputError(
-                f"planner option terminal_goals: expected true or false, got "
-                f"{self.terminal_goals!r}"
-            )
+        check_switch("terminal_goals", self.terminal_goals)
 
     def primitives(self) -> MotionPrimitives:
         """The control set that ``dynamics`` names.

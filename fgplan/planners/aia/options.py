@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.option_checks import check_choice, check_count, check_switch
 from fgplan.planners.option_tables import check_option_names
 
 Preset = Literal["paper", "reproduction", "pruned"]
@@ -95,10 +96,10 @@ class GrowthOptions:
                 f"fails, got {self.p_control!r}"
             )
         if self.uniform_after not in get_args(Switch):
-            check_count("uniform_after", self.uniform_after, 0)
-        check_count("node_budget", self.node_budget, 1)
+            check_count("uniform_after", self.uniform_after, 0, MOST)
+        check_count("node_budget", self.node_budget, 1, MOST)
         if self.iterations is not None:
-            check_count("iterations", self.iterations, 1)
+            check_count("iterations", self.iterations, 1, MOST)
         for name in ("near_m", "seconds", "geodesic_cell_m"):
             if getattr(self, name) is not None:
                 check_positive(getattr(self, name), f"planner option {name}")
@@ -139,7 +140,7 @@ class TreeOptions(GrowthOptions):
         ):
             check_choice(name, getattr(self, name), allowed)
         check_switch("bound", self.bound)
-        check_count("restarts", self.restarts, 0)
+        check_count("restarts", self.restarts, 0, MOST)
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -215,53 +216,3 @@ def split_options(
         {name: value for name, value in given.items() if name in own},
         {name: value for name, value in given.items() if name not in own},
     )
-
-
-def check_choice(option: str, value: object, allowed: tuple[str, ...]) -> None:
-    """Refuse what is not among an option's values.
-
-    Args:
-        option: Its name.
-        value: What was given.
-        allowed: Its values.
-
-    Raises:
-        InvalidInputError: If it is none of them.
-    """
-    if value not in allowed:
-        raise InvalidInputError(
-            f"planner option {option}: expected one of {', '.join(allowed)}, got {value!r}"
-        )
-
-
-def check_switch(option: str, value: object) -> None:
-    """Refuse what is neither true nor false.
-
-    Args:
-        option: Its name.
-        value: What was given.
-
-    Raises:
-        InvalidInputError: If it is neither.
-    """
-    if not isinstance(value, bool):
-        raise InvalidInputError(f"planner option {option}: expected true or false, got {value!r}")
-
-
-def check_count(option: str, value: object, least: int) -> None:
-    """Refuse what is not a whole number of at least so many.
-
-    Args:
-        option: Its name.
-        value: What was given.
-        least: The smallest number that is usable.
-
-    Raises:
-        InvalidInputError: If it is none, or more than 64 bits hold.
-    """
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise InvalidInputError(
-            f"planner option {option}: expected a whole number of at least {least}, got {value!r}"
-        )
-    if value > MOST:
-        raise InvalidInputError(f"planner option {option}: expected at most {MOST}, got {value}")

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fgplan.checks import check_generator, check_positive
-from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.errors import FgplanError, OptionError
 from fgplan.planners.aia.mission_problem import (
     PROBLEM_OPTIONS,
     ProblemOptions,
@@ -22,6 +22,7 @@ from fgplan.planners.aia.options import split_options
 from fgplan.planners.aia.problem import AcquisitionProblem
 from fgplan.planners.distributed_aia.options import DistributedOptions, distributed_options
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_checks import check_switch
 from fgplan.planners.option_tables import check_option_names
 from fgplan.team.communication_graph import CommunicationGraph
 from fgplan.team.communication_table import read_communication_graph
@@ -66,10 +67,7 @@ class ExchangeOptions:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        if not isinstance(self.messages, bool):
-            raise InvalidInputError(
-                f"planner option messages: expected true or false, got {self.messages!r}"
-            )
+        check_switch("messages", self.messages)
         if self.wait_s is not None:
             check_positive(self.wait_s, "planner option wait_s")
         check_positive(self.time_limit_s, "planner option time_limit_s")

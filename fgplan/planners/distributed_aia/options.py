@@ -15,12 +15,12 @@ from typing import Any, Literal, get_args
 from fgplan.checks import check_not_negative
 from fgplan.errors import InvalidInputError
 from fgplan.planners.aia.options import (
+    MOST,
     GrowthOptions,
     TreeOptions,
-    check_choice,
-    check_count,
     preset_options,
 )
+from fgplan.planners.option_checks import check_choice, check_count
 
 EmptySet = Literal["predict", "literal"]
 ConstraintAt = Literal["one", "all"]
@@ -72,7 +72,7 @@ class DistributedOptions(GrowthOptions):
                 "planner option kappa: expected at least 0.5 and less than 1, the weight of the "
                 f"most certain robot, got {self.kappa!r}"
             )
-        check_count("goals_kept", self.goals_kept, 1)
+        check_count("goals_kept", self.goals_kept, 1, MOST)
         self._check_robots()
 
     def masses(self, robot: str) -> tuple[float, float, float]:

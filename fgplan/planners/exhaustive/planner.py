@@ -18,6 +18,7 @@ from fgplan.planners.impacted_paths.candidates import candidate_sets
 from fgplan.planners.impacted_paths.options import ImpactedPathsOptions, read_options
 from fgplan.planners.impacted_paths.planner import pose_covariances, report_counts, robot_plans
 from fgplan.planners.mission import Mission
+from fgplan.planners.option_checks import check_switch
 from fgplan.planners.plan import ObjectiveValue, Plan
 from fgplan.planners.planner import Progress
 from fgplan.team.coordination import coordinate
@@ -48,10 +49,7 @@ class ExhaustiveOptions(ImpactedPathsOptions):
                 "planner option combinations: expected a whole number of at least 1, got "
                 f"{self.combinations!r}"
             )
-        if not isinstance(self.compare, bool):
-            raise InvalidInputError(
-                f"planner option compare: expected true or false, got {self.compare!r}"
-            )
+        check_switch("compare", self.compare)
 
 
 class ExhaustivePlanner:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fgplan.checks import check_not_negative, check_positive
 from fgplan.errors import FgplanError, InvalidInputError, OptionError
+from fgplan.planners.option_checks import check_choice, check_count, check_switch
 from fgplan.planners.option_tables import check_option_names
 from fgplan.team.in_process import InProcessTransport, NetworkFaults, read_faults
 from fgplan.team.options import CoordinationOptions, Order, WithoutPath
@@ -46,10 +47,10 @@ class CandidateOptions:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        _check_name("roadmap", self.roadmap, get_args(RoadmapKind))
-        _check_name("paths", self.paths, get_args(PathMethod))
+        check_choice("roadmap", self.roadmap, get_args(RoadmapKind))
+        check_choice("paths", self.paths, get_args(PathMethod))
         for name in ("candidates", "vertices", "neighbours"):
-            _check_count(name, getattr(self, name))
+            check_count(name, getattr(self, name))
         for name in ("step_m", "spacing_m", "max_length_m"):
             if getattr(self, name) is not None:
                 check_positive(getattr(self, name), f"planner option {name}")
@@ -99,19 +100,15 @@ class ImpactedPathsOptions(CandidateOptions):
     def __post_init__(self) -> None:
         """Check names and numbers."""
         CandidateOptions.__post_init__(self)
-        _check_name("order", self.order, get_args(Order))
-        _check_name("without_path", self.without_path, get_args(WithoutPath))
-        _check_count("max_turns", self.max_turns)
+        check_choice("order", self.order, get_args(Order))
+        check_choice("without_path", self.without_path, get_args(WithoutPath))
+        check_count("max_turns", self.max_turns)
         check_not_negative(self.tolerance, "planner option tolerance")
-        _check_count("session", self.session, least=0)
+        check_count("session", self.session, least=0)
         if self.seed is not None:
-            _check_count("seed", self.seed, least=0)
+            check_count("seed", self.seed, least=0)
         for name in ("choose", "covariances"):
-            if not isinstance(getattr(self, name), bool):
-                raise InvalidInputError(
-                    f"planner option {name}: expected true or false, got {getattr(self, name)!r}"
-                )
-
+            check_switch(name, getattr(self, name))
         for name in ("repair_after_s", "time_limit_s"):
             check_positive(getattr(self, name), f"planner option {name}")
         for name in ("lost_after_s", "hung_after_s", "drop_after_s"):
@@ -183,19 +180,3 @@ def read_options(kind: type[Options], given: Mapping[str, Any], planner: str) ->
         return kind(**given)
     except FgplanError as error:
         raise OptionError(str(error)) from error
-
-
-def _check_name(option: str, value: object, allowed: tuple[str, ...]) -> None:
-    """Refuse a name that is not one of those allowed."""
-    if value not in allowed:
-        raise InvalidInputError(
-            f"planner option {option}: expected one of {', '.join(allowed)}, got {value!r}"
-        )
-
-
-def _check_count(option: str, value: object, least: int = 1) -> None:
-    """Refuse what is not a whole number of at least so many."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise InvalidInputError(
-            f"planner option {option}: expected a whole number of at least {least}, got {value!r}"
-        )
