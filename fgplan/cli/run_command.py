@@ -17,7 +17,7 @@ from fgplan.cli.loop_command import run_loop_scenario
 from fgplan.cli.open_run import OpenRun, begin_folder, open_run, planning
 from fgplan.cli.run_figures import draw_run_figures
 from fgplan.cli.run_past import past_lines
-from fgplan.cli.run_recording import record_run
+from fgplan.cli.run_recording import record_run, target_covariances
 from fgplan.errors import (
     MissingExtraError,
 )
@@ -159,21 +159,18 @@ def _robot_line(item: RobotPlan, *, lost: bool) -> str:
 
 def _target_lines(plan: Plan) -> list[str]:
     """What a plan that gathers information will know of the targets at its end."""
-    details = plan.details
-    if "target_covariances" in details:
-        last = np.array(details["target_covariances"][-1])
-    elif "target_covariance_at_end" in details:
-        last = np.array(details["target_covariance_at_end"])
-    else:
+    details, known = plan.details, target_covariances(plan)
+    if not len(known):
         return []
     steps = max([item.path.steps for item in plan.robots if item.path is not None], default=0)
     by = f" at {details['seen_by']}" if "seen_by" in details else ""
     lines = [f"  after {steps} steps{by}:"]
-    if last.ndim == 3:  # independent targets
-        sigmas = np.sqrt(np.linalg.eigvalsh(last)[:, -1])
-        names = plan.details["targets"]
-        known = (f"{name} to {sigma:.3g} m" for name, sigma in zip(names, sigmas, strict=True))
-        lines.append(f"    {', '.join(known)} (1 sigma, worst direction)")
+    if known.ndim == 4:  # independent targets
+        sigmas = np.sqrt(np.linalg.eigvalsh(known[-1])[:, -1])
+        said = (
+            f"{n} to {sigma:.3g} m" for n, sigma in zip(details["targets"], sigmas, strict=True)
+        )
+        lines.append(f"    {', '.join(said)} (1 sigma, worst direction)")
     return lines
 
 

@@ -39,6 +39,7 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
     """
     candidates = draw_candidates(mission, plan)
     targets = target_tracks(plan)
+    blocks = target_covariances(plan) if targets else np.zeros(0)
     known = [item for item in plan.objective if np.isfinite(item.value)]
     return RunRecord(
         name=mission.name,
@@ -53,9 +54,7 @@ def record_run(mission: Mission, plan: Plan) -> RunRecord:
         },
         joined=joined_states(mission, plan.paths),
         targets=targets,
-        target_covariances=dict(zip(targets, _target_covariances(plan), strict=True))
-        if targets
-        else {},
+        target_covariances={name: blocks[:, number, :2, :2] for number, name in enumerate(targets)},
         landmarks=mission.prior.landmarks(),
         values=tuple(item.value for item in known),
         announced_by=tuple(item.robot or "all" for item in known),
@@ -75,19 +74,27 @@ def target_tracks(plan: Plan) -> dict[str, FloatArray]:
     """
     names = plan.details.get("targets", ())
     means = np.array(plan.details.get("target_means", ()), dtype=np.float64)
-    if not names or means.ndim < 2 or not len(_target_covariances(plan)):
+    if not names or means.ndim < 2 or target_covariances(plan).ndim != 4:
         return {}
     places = means.reshape(len(means), len(names), -1)[..., :2]
     return {name: places[:, number] for number, name in enumerate(names)}
 
 
-def _target_covariances(plan: Plan) -> FloatArray:
-    """Shape (M, K, 2, 2): at start and end, or the end alone; (0,) if targets are no points."""
-    every = np.array(plan.details.get("target_covariances", ()), dtype=np.float64)
-    if every.ndim == 4:  # steps, targets
-        return np.swapaxes(every[[0, -1]], 0, 1)[..., :2, :2]
-    last = np.array(plan.details.get("target_covariance_at_end", ()), dtype=np.float64)
-    return last[:, None, :2, :2] if last.ndim == 3 else np.zeros(0)
+def target_covariances(plan: Plan) -> FloatArray:
+    """How well the targets of a plan that gathers information will be known.
+
+    Args:
+        plan: The plan.
+
+    Returns:
+        Shape (K, M, d, d), square metres, of independent targets: at start and end, or at the end
+        alone; (2, n, n) of coupled ones; (0,) of plans that have no targets.
+    """
+    every = plan.details.get("target_covariances")
+    if every is not None:
+        return np.array([every[0], every[-1]], dtype=np.float64)
+    last = plan.details.get("target_covariance_at_end")
+    return np.zeros(0) if last is None else np.array([last], dtype=np.float64)
 
 
 def draw_candidates(mission: Mission, plan: Plan) -> dict[str, tuple[CandidatePath, ...]]:
