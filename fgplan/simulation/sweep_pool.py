@@ -21,6 +21,7 @@ from concurrent.futures import (
 from typing import ParamSpec, TypeVar
 
 from fgplan.errors import InvalidInputError
+from fgplan.simulation.dask_call import is_dask_executor, submit_to_dask
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
@@ -58,6 +59,8 @@ class SweepPool:
                 self.made = ProcessPoolExecutor(self.workers, mp_context=context)
             return self.made.submit(function, *args, **kwargs)
         try:
+            if is_dask_executor(self.given):
+                return submit_to_dask(self.given, function, *args, **kwargs)
             return self.given.submit(function, *args, **kwargs)
         except Exception as reason:  # sorted: the executor has ended, or this cannot be sent
             if isinstance(reason, RuntimeError) or _says_end(reason):

@@ -1,5 +1,6 @@
 """Sweeps on a dask cluster on loopback: a worker that is killed costs its own task only."""
 
+import asyncio
 import logging
 import os
 import signal
@@ -23,6 +24,13 @@ WORKERS = 2
 def draw(task):
     """A number drawn from the task's seed; some tasks end their worker first."""
     kind = task.arguments.get("kind", "draw")
+    if kind == "lost":
+        mark = Path(task.arguments["mark"])
+        if mark.exists():
+            kind = "always"
+        else:  # done, but its worker soon ends with the result
+            mark.touch()
+            threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGKILL)).start()
     if kind == "once":
         mark = Path(task.arguments["mark"])
         if not mark.exists():
@@ -101,6 +109,24 @@ def test_worker_killed_once_costs_nothing_and_always_costs_its_own_task(client, 
     assert [result["number"] for result in summary.results] == expected
     assert (tmp_path / "mark").exists()
     assert len(read_sweep(out)) == 12
+
+
+def test_result_lost_before_it_is_fetched_and_never_made_again_ends_too(
+    client, tmp_path, monkeypatch
+):
+    """Dask's own executor tells nobody of it: whoever waits for its future waits for ever."""
+    gather = client._gather
+
+    async def late(futures, *args, **kwargs):
+        await asyncio.sleep(1.0)
+        return await gather(futures, *args, **kwargs)
+
+    monkeypatch.setattr(client, "_gather", late)
+    lost = SweepTask(seed=70, arguments={"kind": "lost", "mark": str(tmp_path / "mark")})
+    executor = client.get_executor(pure=False)
+    summary = run_sweep([lost], draw, executor, out=tmp_path / "sweep.jsonl", workers=WORKERS)
+    assert [record.status for record in summary.records] == ["killed"]
+    assert "the worker ended: Attempted to run task" in summary.records[0].error
 
 
 class GivenUp(distributed.diagnostics.plugin.SchedulerPlugin):
