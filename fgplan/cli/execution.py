@@ -9,6 +9,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -70,14 +71,16 @@ def _execute_work(
 ) -> int:
     """Run a function of the contract and write, print and judge what it returns."""
     function, name = _find_function(arguments)
-    folder = _make_folder(arguments, name)
+    folder, made = _make_folder(arguments, name)
     files = [folder / "result.json"]
     if arguments.json is not None:
         files.append(Path(arguments.json))
     command = " ".join(["fgplan", *words])
+    so_far: list[ResultFile] = []
 
     def record(results: Mapping[str, Any]) -> None:
-        _write(files, ResultFile(command=command, results=results, complete=False))
+        so_far[:] = [ResultFile(command=command, results=results, complete=False)]
+        _write(files, so_far[0])
 
     # run and team check their scenario first: bad input changes no run folder
     if arguments.verb not in ("run", "team"):
@@ -94,8 +97,10 @@ def _execute_work(
     )
     try:
         outcome = function(options)
-    except (FgplanError, RoadmapError):
-        if not any(folder.iterdir()):  # refused before anything was done
+    except BaseException as error:
+        if so_far:
+            _write(files, replace(so_far[0], stopped=_reason(error)))
+        elif made and not any(folder.iterdir()):  # refused before anything was done
             folder.rmdir()
         raise
     progress.close()
@@ -128,16 +133,24 @@ def _find_function(
     return getattr(importlib.import_module(module), function), arguments.name
 
 
-def _make_folder(arguments: argparse.Namespace, name: str) -> Path:
-    """The run folder, made as needed."""
+def _make_folder(arguments: argparse.Namespace, name: str) -> tuple[Path, bool]:
+    """The run folder, and whether it was made here."""
     folder = Path(arguments.out or Path("runs") / f"{arguments.verb}-{name}")
+    made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InvalidInputError(
             f"--out {folder}: expected a folder to write to: {error}"
         ) from error
-    return folder
+    return folder, made
+
+
+def _reason(error: BaseException) -> str:
+    """Why work ended, in one line."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _write(files: Sequence[Path], result: ResultFile) -> None:

@@ -1,9 +1,11 @@
 """The result file: one JSON form for run, demo, bench and reproduce.
 
-    {schema, command, versions, machine, date, seeds, results, requirements, complete}
+    {schema, command, versions, machine, date, seeds, results, requirements, complete, stopped}
 
 The file is replaced as a whole (written beside, then renamed), so that whoever reads it, at any
-moment and after any interruption, finds valid JSON; ``complete`` is false until the work has ended.
+moment and after any interruption, finds valid JSON; ``complete`` is false until the work has ended,
+and ``stopped`` says why it ended before that. Work that is killed has no last word: not complete,
+and not stopped by anything.
 """
 
 import os
@@ -70,7 +72,8 @@ class ResultFile:
         seeds: Seeds used.
         results: What came out; keys as the command documents them.
         requirements: Demands on the results.
-        complete: Whether the work has ended.
+        complete: Whether the work was done to its end.
+        stopped: The error that ended it before; empty where there was none.
         versions: Version by package, Python included.
         machine: Processor, cores, system.
         date: UTC, ISO 8601.
@@ -82,6 +85,7 @@ class ResultFile:
     results: Mapping[str, Any] = field(default_factory=dict)
     requirements: tuple[Requirement, ...] = ()
     complete: bool = True
+    stopped: str = ""
     versions: Mapping[str, str] = field(default_factory=lambda: package_versions())
     machine: Mapping[str, Any] = field(default_factory=lambda: describe_machine())
     date: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
@@ -136,6 +140,7 @@ def write_result(path: str | Path, result: ResultFile) -> None:
             "results": result.results,
             "requirements": result.requirements,
             "complete": result.complete,
+            "stopped": result.stopped,
         }
     )
     text = msgspec.json.format(msgspec.json.encode(content), indent=1)

@@ -31,6 +31,7 @@ from fgplan.evaluation.from_scratch import FromScratch
 from fgplan.evaluation.incremental.evaluator import Incremental
 from fgplan.io.g2o import read_g2o
 from fgplan.io.mission_file import load_mission
+from fgplan.io.result_file import read_result
 from fgplan.io.scenario_file import read_scenario
 from fgplan.models.motion import MotionModel
 from fgplan.models.range_bearing import BearingRangeSensor
@@ -426,6 +427,7 @@ def test_one_clear_line_and_nothing_half_done(name, tmp_path, capsys):
         result = json.loads((out / "result.json").read_text())
         assert result["complete"] is False
         assert result["results"] == {}
+        assert result["stopped"].partition(": ")[2] in " ".join(shown.err.split())
     # the same through Python; the run adds the file where a planner does not know it
     kind = NoCandidatePathError if case.status == 1 else FgplanError
     with pytest.raises(kind) as caught:
@@ -476,7 +478,44 @@ def test_bad_input_leaves_an_earlier_run_as_it_was(tmp_path, capsys):
     path = write(CASES["unreachable goal"], tmp_path)
     assert main(["run", str(path), "--out", str(out), "--quick"]) == 1
     assert {item.name for item in out.iterdir()} == {"result.json", "scenario.toml", "notes.png"}
-    assert json.loads((out / "result.json").read_text())["complete"] is False
+    stopped = json.loads((out / "result.json").read_text())
+    assert stopped["complete"] is False
+    assert "cannot be reached" in stopped["stopped"]
+    capsys.readouterr()
+
+
+def test_a_folder_that_was_empty_before_stays(tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    path = write(CASES["goal inside an obstacle"], tmp_path)
+    assert main(["run", str(path), "--out", str(out), "--quick"]) == 2
+    assert list(out.iterdir()) == []
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("error", "said", "status"),
+    [
+        (KeyboardInterrupt(), "interrupted", 130),
+        (
+            InvalidInputError("robot 'ann': no\nnoise"),
+            "InvalidInputError: robot 'ann': no noise",
+            2,
+        ),
+    ],
+)
+def test_the_result_says_what_ended_the_work_and_keeps_what_was_done(
+    error, said, status, tmp_path, monkeypatch, capsys
+):
+    def begun(options):
+        options.record({"plans": [1, 2]})
+        raise error
+
+    monkeypatch.setattr("fgplan.cli.run_command.run_scenario", begun)
+    assert main(["run", str(EXAMPLE), "--out", str(tmp_path)]) == status
+    result = read_result(tmp_path / "result.json")
+    assert (result.complete, result.stopped) == (False, said)
+    assert result.results == {"plans": [1, 2]}
     capsys.readouterr()
 
 

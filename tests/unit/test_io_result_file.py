@@ -79,6 +79,7 @@ def test_result_file_has_the_documented_keys_and_reads_back(tmp_path):
         "results",
         "requirements",
         "complete",
+        "stopped",
     ]
     assert content["requirements"] == [
         {"name": "ratio", "required": "at least 12", "value": 3.0, "met": False}
