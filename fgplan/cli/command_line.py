@@ -80,6 +80,8 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         "robot", help="run one robot of a scenario over the network, for several machines"
     )
     _add_robot(robot)
+    check = verbs.add_parser("check", help="read a scenario or a log and say what is wrong with it")
+    check.add_argument("scenario", metavar="SCENARIO", help="as of fgplan run")
     plot = verbs.add_parser("plot", help="draw the figures of a run folder again")
     plot.add_argument("folder", metavar="DIR", help="a folder that fgplan run or demo wrote")
     shown = verbs.add_parser("fields", help="every field of a scenario file, with its default")

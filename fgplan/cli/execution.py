@@ -44,6 +44,10 @@ def execute(arguments: argparse.Namespace, words: Sequence[str]) -> int:
             return _print_lines(
                 f"wrote {path}" for path in draw_run_figures(Path(arguments.folder))
             )
+        if arguments.verb == "check":
+            from fgplan.cli.check_command import check_scenario
+
+            return _print_lines(check_scenario(Path(arguments.scenario)))
         if arguments.verb == "fields":
             from fgplan.cli.fields_command import show_fields
 

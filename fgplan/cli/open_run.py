@@ -13,6 +13,7 @@ from fgplan.errors import (
     NoCandidatePathError,
     OptionError,
     ScenarioError,
+    UnknownNameError,
 )
 from fgplan.io.mission_file import make_mission
 from fgplan.io.named_files import named_files
@@ -26,7 +27,7 @@ from fgplan.io.scenario import Scenario
 from fgplan.io.scenario_file import read_scenario
 from fgplan.io.user_object import is_object_name, load_object
 from fgplan.planners.mission import Mission
-from fgplan.planners.planner import AbstractPlanner
+from fgplan.planners.planner import AbstractPlanner, CheckedPlanner
 from fgplan.planners.program import DistributedPlanner
 from fgplan.planners.registry import find_planner
 from roadmaps import RoadmapError
@@ -74,6 +75,9 @@ def open_run(path: Path, *, quick: bool = False) -> OpenRun:
     planner = _find_planner(scenario, Place(path))
     prior = make_prior(scenario, Place(path), None if log is None else log.estimate)
     mission = make_mission(scenario, path, prior)
+    if isinstance(planner, CheckedPlanner):
+        with _naming_option(scenario, Place(path)):
+            planner.check_options(mission.options)
     asked = mission.options.get("candidates")
     if quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
         fewer = {**mission.options, "candidates": QUICK_CANDIDATES}
@@ -137,14 +141,24 @@ def planning(run: OpenRun) -> Iterator[None]:
     """
     place = Place(run.path)
     try:
-        yield
+        with _naming_option(run.scenario, place):
+            yield
     except NoCandidatePathError as error:
         raise NoCandidatePathError(f"{place.file}: {error}") from error
-    except OptionError as error:
-        raise place.at(f"planner.{run.scenario.planner_name}").error(str(error)) from error
-    except MissingExtraError:
+    except (MissingExtraError, ScenarioError):
         raise
     except (FgplanError, RoadmapError) as error:
+        raise ScenarioError(f"{place.file}: {error}") from error
+
+
+@contextmanager
+def _naming_option(scenario: Scenario, place: Place) -> Iterator[None]:
+    """Say under which table of the scenario an option stands that is refused."""
+    try:
+        yield
+    except OptionError as error:
+        raise place.at(f"planner.{scenario.planner_name}").error(str(error)) from error
+    except UnknownNameError as error:
         raise ScenarioError(f"{place.file}: {error}") from error
 
 

@@ -4,8 +4,8 @@ A planner is stateless: what it draws comes from the generator that it is given,
 gives the same plan on the same machine and versions.
 """
 
-from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -42,5 +42,22 @@ class AbstractPlanner(Protocol):
         Raises:
             NoCandidatePathError: If there is no feasible plan; names the robot.
             OptionError: If an option is not known (lists those that are) or not usable.
+        """
+        ...
+
+
+@runtime_checkable
+class CheckedPlanner(Protocol):
+    """A planner that can say that its options are wrong before it plans; all of fgplan's can."""
+
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options, without planning.
+
+        Args:
+            given: By name, as ``mission.options``.
+
+        Raises:
+            OptionError: If an option is not known (lists those that are) or not usable.
+            UnknownNameError: If an option names something that there is not.
         """
         ...

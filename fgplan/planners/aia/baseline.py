@@ -1,9 +1,9 @@
 """What all planners that gather information have in common: a budget, a result, one interface."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -144,6 +144,17 @@ class BaselinePlanner:
     name: str
     solve: Solve
 
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options; see ``CheckedPlanner``.
+
+        Args:
+            given: By name.
+
+        Raises:
+            OptionError: If one is not known or not usable.
+        """
+        self._options(given)
+
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
     ) -> Plan:
@@ -162,13 +173,8 @@ class BaselinePlanner:
             OptionError: If an option is not known or not usable.
         """
         check_generator(generator, f"planner {self.name!r}")
-        check_option_names(mission.options, self.option_tables, self.name)
-        own, others = split_options(mission.options, PROBLEM_OPTIONS)
-        try:
-            budget = Budget(**others)
-        except FgplanError as error:
-            raise OptionError(str(error)) from error
-        problem = mission_problem(mission, read_problem_options(own))
+        own, budget, used = self._options(mission.options)
+        problem = mission_problem(mission, own)
         if progress is not None:
             progress(0, 0, self.name)
         found = self.solve(problem, budget, generator)
@@ -183,5 +189,15 @@ class BaselinePlanner:
             planner=self.name,
             report={"nodes": found.nodes},
             seconds={"search": found.seconds},
-            options={**asdict(budget), **own},
+            options=used,
         )
+
+    def _options(self, given: Mapping[str, Any]) -> tuple[ProblemOptions, Budget, dict[str, Any]]:
+        """Of the problem, the budget; and all as used, for the plan."""
+        check_option_names(given, self.option_tables, self.name)
+        own, others = split_options(given, PROBLEM_OPTIONS)
+        try:
+            budget = Budget(**others)
+        except FgplanError as error:
+            raise OptionError(str(error)) from error
+        return read_problem_options(own), budget, {**asdict(budget), **own}

@@ -72,6 +72,17 @@ class AiaPlanner:
     option_tables: tuple[type, ...] = (PresetOptions, ProblemOptions, TreeOptions, DensityOptions)
     presets: Mapping[str, Mapping[str, Any]] = PRESETS
 
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options; see ``CheckedPlanner``.
+
+        Args:
+            given: By name.
+
+        Raises:
+            OptionError: If one is not known or not usable.
+        """
+        self._options(given)
+
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
     ) -> Plan:
@@ -93,12 +104,8 @@ class AiaPlanner:
         from fgplan.planners.aia.search import search
 
         check_generator(generator, f"planner {self.name!r}")
-        check_option_names(mission.options, self.option_tables, self.name)
-        own, others = split_options(mission.options, PROBLEM_OPTIONS)
-        problem = mission_problem(mission, read_problem_options(own))
-        densities, others = _densities(others)
-        preset = others.pop("preset", PresetOptions().preset)
-        options = tree_options(preset, **others)
+        own, options, densities, used = self._options(mission.options)
+        problem = mission_problem(mission, own)
         found = search(problem, options, generator, progress=progress, densities=densities)
         if found.plan is None:
             if found.ending == "interrupted":
@@ -116,7 +123,7 @@ class AiaPlanner:
             agreed=found.ending != "interrupted",
             report=found.counts,
             seconds=found.seconds,
-            options={"preset": preset, **asdict(options), **own},
+            options=used,
             warnings=warnings,
             details={
                 "ending": found.ending,
@@ -125,6 +132,18 @@ class AiaPlanner:
                 "improvements": [list(one) for one in found.improvements],
             },
         )
+
+    def _options(
+        self, given: Mapping[str, Any]
+    ) -> tuple[ProblemOptions, TreeOptions, Densities | None, dict[str, Any]]:
+        """Of the problem, of the tree, a user's densities; and all as used, for the plan."""
+        check_option_names(given, self.option_tables, self.name)
+        own, others = split_options(given, PROBLEM_OPTIONS)
+        densities, others = _densities(others)
+        preset = others.pop("preset", PresetOptions().preset)
+        options = tree_options(preset, **others)
+        used = {"preset": preset, **asdict(options), **own}
+        return read_problem_options(own), options, densities, used
 
 
 def _densities(given: Mapping[str, Any]) -> tuple[Densities | None, dict[str, Any]]:

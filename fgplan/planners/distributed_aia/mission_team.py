@@ -6,7 +6,7 @@ robots, and every robot's own process.
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -123,6 +123,52 @@ class MissionTeam:
     used: Mapping[str, Any]
 
 
+class MissionOptions(NamedTuple):
+    """Options of a scenario, read.
+
+    Attributes:
+        problem: Of the problem.
+        growth: Of how trees are grown.
+        exchange: Of how robots hear of each other.
+        used: All as used, for the plan.
+    """
+
+    problem: ProblemOptions
+    growth: DistributedOptions
+    exchange: ExchangeOptions
+    used: Mapping[str, Any]
+
+
+def read_mission_options(given: Mapping[str, Any]) -> MissionOptions:
+    """Read the options of a scenario; the graph is read with the team's names.
+
+    Args:
+        given: By name.
+
+    Returns:
+        The options.
+
+    Raises:
+        OptionError: If an option is not known or not usable.
+    """
+    check_option_names(given, OPTION_TABLES, "distributed_aia")
+    own, others = split_options(given, PROBLEM_OPTIONS)
+    talk, others = split_options(others, _EXCHANGE_OPTIONS)
+    preset = others.pop("preset", PresetOptions().preset)
+    growth = distributed_options(preset, **others)
+    try:
+        exchange = ExchangeOptions(**talk)
+        exchange.faults()
+    except (FgplanError, TypeError) as error:
+        raise OptionError(str(error)) from error
+    return MissionOptions(
+        problem=read_problem_options(own),
+        growth=growth,
+        exchange=exchange,
+        used={"preset": preset, **asdict(growth), **talk, **own},
+    )
+
+
 def read_mission_team(mission: Mission, generator: np.random.Generator) -> MissionTeam:
     """Read a mission.
 
@@ -138,26 +184,20 @@ def read_mission_team(mission: Mission, generator: np.random.Generator) -> Missi
         InvalidInputError: If the mission is not one of gathering information.
     """
     check_generator(generator, "planner 'distributed_aia'")
-    check_option_names(mission.options, OPTION_TABLES, "distributed_aia")
-    own, others = split_options(mission.options, PROBLEM_OPTIONS)
-    talk, others = split_options(others, _EXCHANGE_OPTIONS)
-    problem = mission_problem(mission, read_problem_options(own))
-    preset = others.pop("preset", PresetOptions().preset)
-    options = distributed_options(preset, **others)
+    read = read_mission_options(mission.options)
+    problem = mission_problem(mission, read.problem)
     drawing, planning, network = generator.spawn(3)
     try:
-        exchange = ExchangeOptions(**talk)
-        graph = exchange.read_graph(tuple(robot.name for robot in problem.robots), drawing)
-        faults = exchange.faults()
+        graph = read.exchange.read_graph(tuple(robot.name for robot in problem.robots), drawing)
     except (FgplanError, TypeError) as error:
         raise OptionError(str(error)) from error
     return MissionTeam(
         problem=problem,
-        options=options,
-        exchange=exchange,
+        options=read.growth,
+        exchange=read.exchange,
         graph=graph,
-        faults=faults,
+        faults=read.exchange.faults(),
         planning=planning,
         network=network,
-        used={"preset": preset, **asdict(options), **talk, **own},
+        used=read.used,
     )

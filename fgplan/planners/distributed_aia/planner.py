@@ -19,6 +19,7 @@ from fgplan.planners.distributed_aia.mission_team import (
     REAL_WAIT_S,
     SIMULATED_WAIT_S,
     MissionTeam,
+    read_mission_options,
     read_mission_team,
 )
 from fgplan.planners.distributed_aia.options import PRESETS
@@ -83,6 +84,17 @@ class DistributedAiaPlanner:
     option_tables: tuple[type, ...] = OPTION_TABLES
     presets: Mapping[str, Mapping[str, Any]] = PRESETS
     companions: tuple[str, ...] = ()
+
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options; see ``CheckedPlanner``.
+
+        Args:
+            given: By name.
+
+        Raises:
+            OptionError: If one is not known or not usable.
+        """
+        read_mission_options(given)
 
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None

@@ -7,7 +7,9 @@ zero or more, on the same candidate paths and with the same evaluator.
 
 import dataclasses
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +59,18 @@ class ExhaustivePlanner:
 
     name = "exhaustive"
     option_tables: tuple[type, ...] = (ExhaustiveOptions,)
+
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options; see ``CheckedPlanner``.
+
+        Args:
+            given: By name.
+
+        Raises:
+            OptionError: If one is not known or not usable.
+            UnknownNameError: If an evaluator is not known.
+        """
+        find_evaluator(read_options(ExhaustiveOptions, given, self.name).evaluator)
 
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None

@@ -45,6 +45,24 @@ class ImpactedPathsPlanner:
     option_tables: tuple[type, ...] = (ImpactedPathsOptions,)
     companions: tuple[str, ...] = ()
 
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options; see ``CheckedPlanner``.
+
+        Args:
+            given: By name.
+
+        Raises:
+            OptionError: If one is not known or not usable.
+            UnknownNameError: If an evaluator is not known.
+        """
+        self._options(given)
+
+    def _options(self, given: Mapping[str, Any]) -> ImpactedPathsOptions:
+        """Options of a mission; an unknown evaluator is refused before any work."""
+        options = read_options(ImpactedPathsOptions, given, self.name)
+        find_evaluator(options.evaluator)
+        return options
+
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
     ) -> Plan:
@@ -64,8 +82,7 @@ class ImpactedPathsPlanner:
             UnknownNameError: If an evaluator or sensor is not known.
         """
         tell = progress or _silent
-        options = read_options(ImpactedPathsOptions, mission.options, self.name)
-        find_evaluator(options.evaluator)  # an unknown one is refused before any work
+        options = self._options(mission.options)
         tell(0, 0, "candidate paths")
         began = time.perf_counter()
         sets = candidate_sets(mission, options, generator, without_path=options.without_path)
@@ -98,7 +115,7 @@ class ImpactedPathsPlanner:
             NoCandidatePathError: If a robot has no candidate and may not stay; names it.
             OptionError: If an option is not known or has a value that is not usable.
         """
-        options = read_options(ImpactedPathsOptions, mission.options, self.name)
+        options = self._options(mission.options)
         sets = candidate_sets(mission, options, generator, without_path=options.without_path)
         few = {robot: paths[:REHEARSED] for robot, paths in sets.candidates.items()}
         agreement = coordinate(
@@ -124,7 +141,7 @@ class ImpactedPathsPlanner:
             UnknownNameError: If there is no such robot.
         """
         began = time.perf_counter()
-        options = read_options(ImpactedPathsOptions, mission.options, self.name)
+        options = self._options(mission.options)
         sets = candidate_sets(mission, options, generator, without_path=options.without_path)
         candidates_s = time.perf_counter() - began
         setups = set_up_team(
@@ -169,7 +186,7 @@ class ImpactedPathsPlanner:
             StaleAnnouncementError: If robots that have finished hold different ledgers.
         """
         began = time.perf_counter()
-        options = read_options(ImpactedPathsOptions, mission.options, self.name)
+        options = self._options(mission.options)
         sets = candidate_sets(mission, options, generator, without_path=options.without_path)
         candidates_s = time.perf_counter() - began
         if not reports:

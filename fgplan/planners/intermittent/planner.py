@@ -102,6 +102,17 @@ class IntermittentPlanner:
     option_tables: tuple[type, ...] = (TeamOptions, SegmentOptions)
     companions: tuple[str, ...] = (WORLD,)
 
+    def check_options(self, given: Mapping[str, Any]) -> None:
+        """Refuse what ``plan`` would refuse of its options; see ``CheckedPlanner``.
+
+        Args:
+            given: By name.
+
+        Raises:
+            OptionError: If one is not known or not usable.
+        """
+        read_options(given)
+
     def plan(
         self, mission: Mission, generator: np.random.Generator, progress: Progress | None = None
     ) -> Plan:
