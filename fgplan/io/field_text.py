@@ -11,11 +11,12 @@ _INTRODUCTION = """\
 # Scenario files
 
 A scenario is a TOML file, or YAML with the same tables. It says where the team is, what it knows,
-what it wants and which planner plans; `fgplan run FILE` does the rest, and `fgplan check FILE` says
-beforehand what is wrong. Unknown fields are refused by name. Lengths are in metres, angles in radians, times in seconds. A pose in the plane is
-`[x, y, heading]`, one in space `[x, y, z, qx, qy, qz, qw]`. File names count from the scenario's
-folder. A default of none, or None in a sentence, is a field that is left out. Whole files to start
-from: [examples/scenarios](../examples/scenarios), explained in [examples](../examples/README.md).
+what it wants and which planner plans; `fgplan run FILE` does the rest, and `fgplan check FILE`
+says beforehand what is wrong. Unknown fields are refused by name. Lengths are in metres, angles
+in radians, times in seconds. A pose in the plane is `[x, y, heading]`, one in space `[x, y, z,
+qx, qy, qz, qw]`. File names count from the scenario's folder. A default of none, or None in a
+sentence, is a field that is left out. Whole files to start from:
+[examples/scenarios](../examples/scenarios), explained in [examples](../examples/README.md).
 
 This page is what `fgplan fields --markdown` writes; `fgplan fields NAME` shows the options of one
 planner. Numbers in brackets are equations of the planner's paper.

@@ -27,6 +27,7 @@ from roadmaps import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.legend import Legend as MatplotlibLegend
 
 WIDTH_PX, HEIGHT_PX = 800, 600
 _SIGMAS = 3.0
@@ -35,6 +36,8 @@ _TRUE_DASH = (0, (4.0, 2.5))
 _LEFT_PX, _BOTTOM_PX, _TOP_PX, _RIGHT_PX, _GAP_PX = 56, 44, 30, 12, 66
 _CURVE_PX = 250
 """Least width of the curves beside the map."""
+_LEGEND_SIZE = 7.5
+"""Size of the legend's letters where there is room for them."""
 
 
 Box = tuple[float, float, float, float]
@@ -250,15 +253,24 @@ class LoopScene:
         entry("measurement, factor", color=UNCHANGED, lw=1.2)
 
     def _put_legend(self) -> None:
-        """Put the legend under the curves."""
+        """Put the legend under the curves, in smaller letters where it would be cut off."""
+        legend = self._make_legend(_LEGEND_SIZE)
+        box, page = legend.get_window_extent(), self.figure.bbox
+        fits = min((page.x1 - box.x0) / box.width, (box.y1 - page.y0) / box.height)
+        if fits < 1.0:
+            legend.remove()
+            self._make_legend(0.98 * fits * _LEGEND_SIZE)
+
+    def _make_legend(self, size: float) -> "MatplotlibLegend":
+        """The legend in letters of a size."""
         left = self._curve.get_position().x0 - 36 / WIDTH_PX
-        self.figure.legend(
+        return self.figure.legend(
             list(self._legend.entries.values()),
             list(self._legend.entries),
             loc="upper left",
             bbox_to_anchor=(left, 0.5 - 44 / HEIGHT_PX),
             ncols=2,
-            fontsize=7.5,
+            fontsize=size,
             frameon=False,
             columnspacing=0.8,
             handlelength=1.5,

@@ -101,6 +101,16 @@ def test_what_a_frame_shows():
     np.testing.assert_array_equal(scene.pixels(moment), pixels)
 
 
+def test_the_legend_is_never_cut_off():
+    """Long entries: ellipses are drawn many times larger; the map leaves little room."""
+    scene = LoopScene(HISTORY, Workspace(lower=[0, 0], upper=[3000, 2000]), dpi=80)
+    scene.pixels(Moment(0, -1, 0.0, False, False))
+    (legend,) = scene.figure.legends
+    box, page = legend.get_window_extent(), scene.figure.bbox
+    assert page.x0 <= box.x0 < box.x1 <= page.x1
+    assert page.y0 <= box.y0 < box.y1 <= page.y1
+
+
 def test_before_the_first_session_and_robots_that_measure_each_other():
     one = replace(HISTORY.steps[1].measurements[0], robot="red", kind="robot", target="blue")
     target = replace(one, kind="target", target="somebody")
