@@ -1,11 +1,13 @@
-"""The incremental evaluator gives every term of the QR oracle, on over 200 random scenes.
+"""The incremental evaluator gives every term of the QR oracle, on random scenes.
 
 A scene is drawn from its seed alone: 2 to 6 robots, Pose2 or Pose3, priors from 1e-6 m to 1000 m,
 with or without prior correlation, landmarks and past poses, vertices shared or not, every kind of
 multi-robot factor, paths of unequal length, and five objectives. Each is played over several turns:
 announcements are replaced, withdrawn and repeated, so that old and new factors are partly the same.
+Sixty scenes hold every option and run by default, over 200 with ``full``.
 """
 
+import inspect
 from dataclasses import replace
 from itertools import pairwise
 
@@ -33,6 +35,7 @@ from fgplan.paths.multi_robot import DistanceCriterion, MultiRobotModel
 TOLERANCE = 1e-9
 KINDS = ("relative_pose", "full_relative_pose", "range", "bearing_range", "bearing", None)
 GROUPS, GROUP = 22, 10
+BY_DEFAULT = 6
 
 
 def objective_of(number):
@@ -166,7 +169,33 @@ def replace_weights(problem):
     return replace(problem, objective=Objective(terms))
 
 
-@pytest.mark.parametrize("group", range(GROUPS))
+def test_scenes_that_run_by_default_hold_every_option():
+    drawn = [draw(seed)[1] for seed in range(BY_DEFAULT * GROUP)]
+    assert {one["kind"] for one in drawn} == set(KINDS)
+    assert {one["prior_sigma"] for one in drawn} == {1e-6, 1e-3, 1.0, 100.0, 1000.0}
+    assert {one["robots"] for one in drawn if one["planar"]} == {2, 3, 4, 5, 6}
+    assert {one["robots"] for one in drawn if not one["planar"]} == {2, 3}
+    numbers = [inspect.getclosurevars(one["objective"]).nonlocals["number"] for one in drawn]
+    assert set(numbers) == set(range(5))
+    for name, values in (
+        ("landmarks", {0, 4, 8}),
+        ("past", {0, 2}),
+        ("radius_m", {50.0, 150.0, 300.0}),
+        ("correlated", {False, True}),
+        ("shared_vertices", {False, True}),
+        ("full_motion_noise", {False, True}),
+    ):
+        assert {one[name] for one in drawn if one["planar"]} == values
+        assert {one[name] for one in drawn if not one["planar"]} == values
+
+
+@pytest.mark.parametrize(
+    "group",
+    [
+        pytest.param(group, marks=[] if group < BY_DEFAULT else pytest.mark.full)
+        for group in range(GROUPS)
+    ],
+)
 def test_random_scenes_agree_with_qr(group):
     counts = sum(play(seed) for seed in range(group * GROUP, (group + 1) * GROUP))
     # the sweep is worth something only if paths stay untouched and messages are used again

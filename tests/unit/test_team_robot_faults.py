@@ -178,8 +178,14 @@ def test_network_that_tells_who_is_there_needs_no_signs_of_life(together):
     assert set(team.states) == {"r0", "r1", "r2"}
 
 
-@pytest.mark.parametrize("robot", ["r0", "r1", "r3"])
-@pytest.mark.parametrize("drop", [False, True])
+@pytest.mark.parametrize(
+    ("robot", "drop"),
+    [
+        pytest.param(robot, drop, marks=[] if drop == (robot == "r0") else pytest.mark.full)
+        for robot in ("r0", "r1", "r3")
+        for drop in (False, True)
+    ],
+)
 def test_robot_that_hangs_is_passed_over_and_joins_again(robot, drop):
     options = {"hung_after_s": 6.0} | ({"drop_after_s": 8.0} if drop else {})
     problem, _, evaluator, setups = team_of(4, **options)
@@ -260,7 +266,10 @@ def assert_numbers_are_used_once(team, robots):
     assert all(len(payloads) == 1 for payloads in said.values())
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=[] if seed < 12 else pytest.mark.full) for seed in range(30)],
+)
 def test_any_faults_end_in_one_ledger_that_nobody_improves(seed):
     check_random(seed, drop=seed % 5 == 0)
 
