@@ -16,6 +16,9 @@ from fgplan.team.envelope import Envelope
 from fgplan.team.network_options import NetworkOptions
 from fgplan.team.zenoh_transport import ZenohTransport
 
+LONG_S = 60.0
+"""So long it waits for others, whose imports may take long."""
+
 
 def say(**what):
     sys.stdout.write(json.dumps(what) + "\n")
@@ -25,7 +28,7 @@ def say(**what):
 def hold(network, seconds):
     """Answer "hold" by holding the lock; count the notes that arrive; end at "end"."""
     numbers = []
-    while network.wait(20.0):
+    while network.wait(LONG_S):
         for envelope in network.receive(network.robot):
             if envelope.kind == "hold":
                 say(holding=True)
@@ -53,7 +56,7 @@ def main():
     robots = tuple(given["robots"])
     with ZenohTransport(given["robot"], robots, NetworkOptions(**given["network"])) as network:
         if given.get("wait", True):
-            network.wait_for_team(20.0)
+            network.wait_for_team(LONG_S)
         say(ready=True, present=sorted(network.present(network.robot)))
         if given["role"] == "hold":
             hold(network, given["seconds"])
@@ -62,8 +65,8 @@ def main():
             GatherState(robot=given["robot"], robots=robots),
             gather_step,
             network,
-            time_limit_s=given.get("time_limit_s", 20.0),
-            linger_s=given.get("linger_s", 10.0),
+            time_limit_s=given.get("time_limit_s", 2 * LONG_S),
+            linger_s=given.get("linger_s", LONG_S),
         )
         say(finished=end.finished, numbers=end.numbers, refused=network.refused.counts)
 

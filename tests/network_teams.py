@@ -17,6 +17,8 @@ from fgplan.team.network_options import NetworkOptions, free_endpoint
 from fgplan.team.zenoh_transport import ZenohTransport
 
 TESTS = Path(__file__).parent
+LONG_S = 60.0
+"""What must happen is waited for so long: far more than the slowest machine needs."""
 
 
 def options_of(robots, first=None, **changes):
@@ -42,7 +44,7 @@ def open_team(robots, **changes):
         for transport in transports.values():
             transport.__enter__()
         for transport in transports.values():
-            assert len(transport.wait_for_team(10.0)) == len(robots) - 1
+            assert len(transport.wait_for_team(LONG_S)) == len(robots) - 1
         yield transports
     finally:
         for transport in transports.values():
@@ -53,7 +55,7 @@ def letter(robot, number=0, kind="note", payload=b""):
     return Envelope(robot=robot, session=0, sequence=number, kind=kind, payload=payload)
 
 
-def received(transport, count, timeout_s=10.0):
+def received(transport, count, timeout_s=LONG_S):
     """Envelopes, once so many have arrived."""
     found = []
     until_s = time.monotonic() + timeout_s
@@ -63,7 +65,7 @@ def received(transport, count, timeout_s=10.0):
     return found
 
 
-def eventually(says, timeout_s=10.0):
+def eventually(says, timeout_s=LONG_S):
     """Seconds until something holds."""
     began = time.monotonic()
     while not says():

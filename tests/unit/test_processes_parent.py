@@ -21,9 +21,12 @@ from fgplan.processes.team_result import plan_of_files
 from fgplan.team.in_process import InProcessTransport
 
 READY = """
-import json, sys, time
+import json, pathlib, sys, time
 def say(done, doing="steps"):
     print(json.dumps({"done": done, "total": 3, "doing": doing}), flush=True)
+def until(file):
+    while not pathlib.Path(file).exists():
+        time.sleep(0.01)
 print("a library says hello", flush=True)
 say(0, "waiting for the team")
 """
@@ -35,15 +38,21 @@ def scripts(**robots):
 
 
 def test_processes_that_end_well_and_one_that_crashes(tmp_path):
-    told = []
+    told, seen = [], tmp_path / "two was seen"
+
+    def progress(done, total, doing):
+        told.append((done, total, doing))
+        if "ann 2/3" in doing:
+            seen.touch()
+
     ended = run_team_processes(
         scripts(
-            ann=READY + "say(2); time.sleep(0.3); say(3)",
+            ann=READY + f"say(2); until({str(seen)!r}); say(3)",
             bob=READY + "say(1); print('worn out', file=sys.stderr); raise RuntimeError('broken')",
             cat=READY + "import os, signal; os.kill(os.getpid(), signal.SIGKILL)",
         ),
         tmp_path,
-        progress=lambda done, total, doing: told.append((done, total, doing)),
+        progress=progress,
     )
     assert ended["ann"] == Ended(0)
     assert ended["bob"].status == 1
@@ -74,9 +83,9 @@ def test_a_refusal_before_the_start_stops_the_team(tmp_path, script, error, matc
 
 
 def test_who_does_not_end_is_stopped_when_patience_is_over(tmp_path):
-    commands = scripts(
-        ann=READY, bob=READY + "import signal; signal.signal(15, signal.SIG_IGN); time.sleep(60)"
-    )
+    deaf = repr(str(tmp_path / "bob is deaf"))
+    ignores = f"import signal; signal.signal(15, signal.SIG_IGN); pathlib.Path({deaf}).touch(); "
+    commands = scripts(ann=READY + f"until({deaf})", bob=READY + ignores + "time.sleep(60)")
     from fgplan.processes import child
 
     child._STOP_S, before = 0.3, child._STOP_S
@@ -91,6 +100,7 @@ def test_who_does_not_end_is_stopped_when_patience_is_over(tmp_path):
 LISTENS = """
 from fgplan.processes.parent import Parent
 parent = Parent()
+pathlib.Path("LISTENS").touch()
 while parent.ended() != frozenset({"dan", "zoë"}):
     time.sleep(0.01)
 say(3)
@@ -102,7 +112,10 @@ sys.exit(5)
 
 def test_who_still_waits_for_a_robot_is_told_that_it_has_ended(tmp_path):
     dies = READY + "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    commands = scripts(ann=READY + LISTENS, dan=dies) | {"zoë": scripts(zoe=READY)["zoe"]}
+    # Patience begins when zoë has ended well, so not before ann can hear of it.
+    listens = str(tmp_path / "ann listens")
+    ann, zoe = READY + LISTENS.replace("LISTENS", listens), READY + f"until({listens!r})"
+    commands = scripts(ann=ann, dan=dies) | {"zoë": scripts(zoe=zoe)["zoe"]}
     told = []
     ended = run_team_processes(
         commands, tmp_path, patience_s=3.0, progress=lambda *line: told.append(line[2])
@@ -113,8 +126,10 @@ def test_who_still_waits_for_a_robot_is_told_that_it_has_ended(tmp_path):
 
 
 def test_a_child_that_reads_its_input_ends_with_the_parent(tmp_path):
-    waits = READY + "sys.stdin.read(); say(3); sys.exit(5)"
-    ended = run_team_processes(scripts(ann=READY, bob=waits), tmp_path, patience_s=0.2)
+    there = repr(str(tmp_path / "bob is there"))
+    waits = READY + f"pathlib.Path({there}).touch(); sys.stdin.read(); say(3); sys.exit(5)"
+    ann = READY + f"until({there})"
+    ended = run_team_processes(scripts(ann=ann, bob=waits), tmp_path, patience_s=0.2)
     assert ended["bob"].status == 5  # by itself: its input had ended
 
 

@@ -29,7 +29,7 @@ def draw(task):
         if mark.exists():
             kind = "always"
         else:  # done, but its worker soon ends with the result
-            mark.touch()
+            mark.write_text(str(os.getpid()))
             threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGKILL)).start()
     if kind == "once":
         mark = Path(task.arguments["mark"])
@@ -111,18 +111,29 @@ def test_worker_killed_once_costs_nothing_and_always_costs_its_own_task(client, 
     assert len(read_sweep(out)) == 12
 
 
+def is_running(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 def test_result_lost_before_it_is_fetched_and_never_made_again_ends_too(
     client, tmp_path, monkeypatch
 ):
     """Dask's own executor tells nobody of it: whoever waits for its future waits for ever."""
-    gather = client._gather
+    gather, mark = client._gather, tmp_path / "mark"
 
     async def late(futures, *args, **kwargs):
         await asyncio.sleep(1.0)
+        until_s = time.monotonic() + 60.0
+        while is_running(int(mark.read_text())) and time.monotonic() < until_s:
+            await asyncio.sleep(0.02)
         return await gather(futures, *args, **kwargs)
 
     monkeypatch.setattr(client, "_gather", late)
-    lost = SweepTask(seed=70, arguments={"kind": "lost", "mark": str(tmp_path / "mark")})
+    lost = SweepTask(seed=70, arguments={"kind": "lost", "mark": str(mark)})
     executor = client.get_executor(pure=False)
     summary = run_sweep([lost], draw, executor, out=tmp_path / "sweep.jsonl", workers=WORKERS)
     assert [record.status for record in summary.records] == ["killed"]

@@ -94,7 +94,10 @@ def test_a_full_box_waits_until_something_is_taken(kept, kept_bytes):
     box = Mailbox(("bob",), kept, kept_bytes)
     given = iter([b"12", b"34", b"56", b"78"])
     box.fill("bob", lambda: next(given, None))
-    time.sleep(0.05)
+    until_s = time.monotonic() + 60.0
+    while len(box._waiting["bob"]) < 2 and time.monotonic() < until_s:
+        time.sleep(0.005)
+    time.sleep(0.05)  # in which a box that does not wait would take more
     assert [data for _, data in box.take(10)] == [b"12", b"34"]
     found = []
     while len(found) < 2:

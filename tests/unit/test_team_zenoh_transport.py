@@ -5,7 +5,7 @@ import threading
 
 import pytest
 from gathering import GatherState, gather_step
-from network_teams import eventually, letter, open_team, options_of, received
+from network_teams import LONG_S, eventually, letter, open_team, options_of, received
 
 from fgplan.errors import FgplanError, InvalidInputError, MissingExtraError, UnknownNameError
 from fgplan.team.endpoint import run_robot
@@ -50,7 +50,7 @@ def test_a_late_robot_and_one_that_comes_back_are_seen_and_heard():
         for number in (2, 3):
             with ZenohTransport("ann", ROBOTS[:2], options["ann"]) as ann:
                 eventually(lambda: bob.present("bob") == {"ann"})
-                assert ann.wait_for_team(5.0) == {"bob"}
+                assert ann.wait_for_team(LONG_S) == {"bob"}
                 bob.send("bob", letter("bob", number))
                 # What was sent before it came has gone nowhere.
                 assert [envelope.sequence for envelope in received(ann, 1)] == [number]
@@ -176,7 +176,7 @@ def test_three_endpoints_gather_and_leave_together():
 
     def run(transport):
         state = GatherState(robot=transport.robot, robots=ROBOTS)
-        ends[transport.robot] = run_robot(state, gather_step, transport, time_limit_s=10.0)
+        ends[transport.robot] = run_robot(state, gather_step, transport, time_limit_s=LONG_S)
         refused[transport.robot] = transport.refused.counts
 
     with open_team(ROBOTS) as team:
@@ -184,7 +184,7 @@ def test_three_endpoints_gather_and_leave_together():
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join(15.0)
+            thread.join(2 * LONG_S)
     assert {robot: end.finished for robot, end in ends.items()} == dict.fromkeys(ROBOTS, True)
     assert ends["ann"].numbers == ends["bob"].numbers == ends["carl"].numbers
     assert refused == {name: {} for name in ROBOTS}
