@@ -76,7 +76,10 @@ def cluster(workers, *, allowed_failures=1, saturation=1.1, processes=True):
 
 @pytest.fixture(scope="module")
 def client():
-    with cluster(WORKERS) as made, distributed.Client(made) as client:
+    # Read when a worker is lost: one that is not back in time is closed for good, and none may be
+    # left. By default 15 s, in which a slow machine may not have imported all.
+    patient = dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"})
+    with patient, cluster(WORKERS) as made, distributed.Client(made) as client:
         yield client
 
 
