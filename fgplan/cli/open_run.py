@@ -13,7 +13,6 @@ from fgplan.errors import (
     NoCandidatePathError,
     OptionError,
     ScenarioError,
-    UnknownNameError,
 )
 from fgplan.io.mission_file import make_mission
 from fgplan.io.named_files import named_files
@@ -76,7 +75,7 @@ def open_run(path: Path, *, quick: bool = False) -> OpenRun:
     prior = make_prior(scenario, Place(path), None if log is None else log.estimate)
     mission = make_mission(scenario, path, prior)
     if isinstance(planner, CheckedPlanner):
-        with _naming_option(scenario, Place(path)):
+        with _naming_scenario(scenario, Place(path)):
             planner.check_options(mission.options)
     asked = mission.options.get("candidates")
     if quick and isinstance(asked, int) and asked > QUICK_CANDIDATES:
@@ -139,26 +138,22 @@ def planning(run: OpenRun) -> Iterator[None]:
     Args:
         run: What is planned.
     """
-    place = Place(run.path)
-    try:
-        with _naming_option(run.scenario, place):
-            yield
-    except NoCandidatePathError as error:
-        raise NoCandidatePathError(f"{place.file}: {error}") from error
-    except (MissingExtraError, ScenarioError):
-        raise
-    except (FgplanError, RoadmapError) as error:
-        raise ScenarioError(f"{place.file}: {error}") from error
+    with _naming_scenario(run.scenario, Place(run.path)):
+        yield
 
 
 @contextmanager
-def _naming_option(scenario: Scenario, place: Place) -> Iterator[None]:
-    """Say under which table of the scenario an option stands that is refused."""
+def _naming_scenario(scenario: Scenario, place: Place) -> Iterator[None]:
+    """Name the file, and of a refused option its table."""
     try:
         yield
+    except NoCandidatePathError as error:
+        raise NoCandidatePathError(f"{place.file}: {error}") from error
     except OptionError as error:
         raise place.at(f"planner.{scenario.planner_name}").error(str(error)) from error
-    except UnknownNameError as error:
+    except MissingExtraError:
+        raise
+    except (FgplanError, RoadmapError) as error:
         raise ScenarioError(f"{place.file}: {error}") from error
 
 

@@ -3,10 +3,9 @@
 Dask's own executor (``client.get_executor()``) reads a result once, when the scheduler first says
 that it is there. If the worker that holds it ends before it is fetched, dask runs the call again;
 where that ends in an error (``KilledWorker``), nobody tells the executor's future, and whoever
-waits for it waits for ever (distributed 2026.8; 2 of 16 runs of
-tests/unit/test_sweep_on_dask.py). Here the
-cluster's future is asked by dask's public ``add_done_callback``, which runs in a thread where
-fetching may wait and fail.
+waits for it waits for ever (distributed 2026.8; 2 of 16 runs of tests/unit/test_sweep_on_dask.py).
+Here the cluster's future is asked by dask's public ``add_done_callback``, which runs in a thread
+where fetching may wait and fail.
 
 Nothing here imports dask: its classes are known by their names.
 """

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from fgplan.errors import InvalidInputError
 from fgplan.evaluation.registry import INEXACT, find_evaluator
 from fgplan.planners.exhaustive.search import search_all
 from fgplan.planners.impacted_paths.candidates import candidate_sets
 from fgplan.planners.impacted_paths.options import ImpactedPathsOptions, read_options
 from fgplan.planners.impacted_paths.planner import pose_covariances, report_counts, robot_plans
 from fgplan.planners.mission import Mission
-from fgplan.planners.option_checks import check_switch
+from fgplan.planners.option_checks import check_count, check_switch
 from fgplan.planners.plan import ObjectiveValue, Plan
 from fgplan.planners.planner import Progress
 from fgplan.team.coordination import coordinate
@@ -44,13 +43,7 @@ class ExhaustiveOptions(ImpactedPathsOptions):
     def __post_init__(self) -> None:
         """Check the limit and the rest."""
         ImpactedPathsOptions.__post_init__(self)
-        if isinstance(self.combinations, bool) or not (
-            isinstance(self.combinations, int) and self.combinations >= 1
-        ):
-            raise InvalidInputError(
-                "planner option combinations: expected a whole number of at least 1, got "
-                f"{self.combinations!r}"
-            )
+        check_count("combinations", self.combinations)
         check_switch("compare", self.compare)
 
 
